@@ -1,0 +1,22 @@
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+
+def _data_folder() -> Path | None:
+    told = os.environ.get("PHYSRETARGET_DATA")
+    beside = Path(__file__).resolve().parents[1] / ".." / "shared" / "data"
+    folder = Path(told) if told else beside
+    return folder.resolve() if folder.is_dir() else None
+
+
+@pytest.fixture(scope="session")
+def data() -> Path:
+    """The folder of real captures, or a skip that says where it is looked for."""
+    folder = _data_folder()
+    if folder is None:
+        pytest.skip("no real captures: set PHYSRETARGET_DATA or put them in ../shared/data")
+    return folder
