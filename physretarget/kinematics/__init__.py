@@ -1,0 +1,56 @@
+"""Articulated trees in plain NumPy: forward kinematics, Jacobians and inverse kinematics.
+
+Everything works on whole batches of frames at once and knows no simulator, so that the
+same few functions serve the fit of an actor to a capture, the inverse kinematics of a
+character and the adjustment of its contacts. Conventions are MuJoCo's: quaternions are
+``w x y z``; a free joint moves linearly in the world and rotates in its body's frame; a
+ball joint rotates in its body's frame.
+"""
+
+from __future__ import annotations
+
+from physretarget.kinematics.rotations import (
+    continuous,
+    matrix_to_quat,
+    quat_conjugate,
+    quat_multiply,
+    quat_rotate,
+    quat_to_matrix,
+    quat_to_rotvec,
+    rotvec_to_quat,
+    slerp,
+)
+from physretarget.kinematics.solver import PointTargets, Solution, solve
+from physretarget.kinematics.tree import (
+    Joint,
+    Pose,
+    Tree,
+    difference,
+    forward,
+    integrate,
+    jacobian,
+    points,
+)
+
+__all__ = [
+    "Joint",
+    "PointTargets",
+    "Pose",
+    "Solution",
+    "Tree",
+    "continuous",
+    "difference",
+    "forward",
+    "integrate",
+    "jacobian",
+    "matrix_to_quat",
+    "points",
+    "quat_conjugate",
+    "quat_multiply",
+    "quat_rotate",
+    "quat_to_matrix",
+    "quat_to_rotvec",
+    "rotvec_to_quat",
+    "slerp",
+    "solve",
+]
