@@ -232,8 +232,8 @@ def _step(problem: _Problem, qpos: Floats, pose: Pose, error: Floats, strength: 
     keep = ~fixed
     matrix *= keep[:, :, None] & keep[:, None, :]
     np.einsum("tii->ti", matrix)[fixed] = 1.0
-    step: Floats = np.linalg.solve(matrix, np.where(fixed, 0.0, -gradient)[..., None])[..., 0]
-    return step
+    step = np.linalg.solve(matrix, np.where(fixed, 0.0, -gradient)[..., None])
+    return np.asarray(step[..., 0], dtype=np.float64)
 
 
 def normal_equations(
