@@ -1,0 +1,192 @@
+"""From a file's numbers to a world in metres with z up: unit and up axis, told or found."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physretarget.capture.names import Body, recognise
+from physretarget.capture.recording import Floats, JointRecording, Source
+from physretarget.errors import InputError, UsageError
+
+# The CMU database's Acclaim files count in units of 1/0.45 inch.
+UNITS: Mapping[str, float] = {
+    "m": 1.0,
+    "cm": 0.01,
+    "mm": 0.001,
+    "inch": 0.0254,
+    "cmu": 0.0254 / 0.45,
+}
+# Thigh + shank of a 1.75 m adult: 0.245 + 0.246 of height (Winter 2009, table 4.1).
+_LEG = 0.491 * 1.75
+_LEG_RANGE = 1.6  # a leg this many times longer or shorter fits none of the known units
+
+_TO_WORLD: Mapping[str, NDArray[np.float64]] = {
+    # columns: where the file's x, y, z go; y up facing z becomes z up facing x
+    "x": np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]]),
+    "y": np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]),
+    "z": np.eye(3),
+}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Raw:
+    """A skeleton in its file's unit and axes; see JointRecording for the arrays."""
+
+    path: str
+    sha256: str
+    format: str
+    fps: float
+    names: tuple[str, ...]
+    parents: tuple[int, ...]
+    position: Floats
+    rotation: Floats
+    end_sites: Mapping[str, tuple[int, Floats]] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+
+def to_world(up: str) -> Floats:
+    """The rotation that takes the file's axes to the world's (z up)."""
+    if up not in _TO_WORLD:
+        raise UsageError(f"The up axis is {up!r}; it must be one of x, y, z.")
+    return _TO_WORLD[up].copy()
+
+
+def unit_scale(unit: str) -> float:
+    """Metres per unit of a named unit, or of a number written out ("0.0254")."""
+    if unit in UNITS:
+        return UNITS[unit]
+    try:
+        scale = float(unit)
+    except ValueError:
+        scale = -1.0
+    if not 1e-6 <= scale <= 1e3:
+        known = ", ".join(UNITS)
+        raise UsageError(f"The unit is {unit!r}; it must be one of {known}, or metres per unit.")
+    return scale
+
+
+def _sample(raw: Raw, joint: int) -> Floats:
+    step = max(1, len(raw.position) // 200)
+    return raw.position[::step, joint]
+
+
+def _leg_length(raw: Raw, body: Body) -> float | None:
+    """Median length of thigh + shank in the file's unit; None if no leg is recognised."""
+    lengths = []
+    for side in ("left", "right"):
+        if body.missing([f"{side}_{part}" for part in ("thigh", "shank", "foot")]):
+            continue
+        hip, knee, ankle = (
+            _sample(raw, body.roles[f"{side}_{part}"]) for part in ("thigh", "shank", "foot")
+        )
+        length = np.linalg.norm(hip - knee, axis=1) + np.linalg.norm(knee - ankle, axis=1)
+        length = length[np.isfinite(length)]
+        if len(length):
+            lengths.append(float(np.median(length)))
+    return float(np.mean(lengths)) if lengths and min(lengths) > 0 else None
+
+
+def guess_unit(raw: Raw, body: Body) -> tuple[str, float, str]:
+    """Name, metres per unit and a sentence: the known unit with the most human leg length."""
+    leg = _leg_length(raw, body)
+    if leg is None:
+        return "cm", 0.01, "unit taken as cm: no leg to measure was recognised"
+    unit, scale = min(UNITS.items(), key=lambda item: abs(np.log(leg * item[1] / _LEG)))
+    ratio = leg * scale / _LEG
+    if 1 / _LEG_RANGE <= ratio <= _LEG_RANGE:
+        return unit, scale, f"unit guessed as {unit}: thigh and shank measure {leg * scale:.2f} m"
+    scale = _LEG / leg
+    return (
+        f"{scale:.6g}",
+        scale,
+        f"no known unit fits a leg of {leg:.4g} file units: scaled by {scale:.4g} to the leg "
+        "of a 1.75 m adult; tell the unit to do better",
+    )
+
+
+def guess_up(raw: Raw, body: Body) -> tuple[str, str]:
+    """Up axis and a sentence: the axis along which the head is above the feet."""
+    top = next((body.roles[r] for r in ("head", "neck", "chest") if r in body.roles), None)
+    feet = [body.roles[r] for r in ("left_foot", "right_foot") if r in body.roles]
+    if top is not None and feet:
+        foot = np.mean([_sample(raw, j) for j in feet], axis=0)
+        way = _sample(raw, top) - foot
+        length = np.linalg.norm(way, axis=1)
+        good = np.isfinite(length) & (length > 0)
+        if good.any():
+            mean = np.mean(way[good] / length[good, None], axis=0)
+            best, second = np.argsort(-mean)[:2]
+            if mean[best] > 0.6 and mean[best] - mean[second] > 0.2:
+                axis = "xyz"[best]
+                return axis, f"up axis found as {axis}: the head is above the feet along it"
+    return "y", "up axis taken as y, the format's custom: the clip's poses do not tell"
+
+
+def finish(raw: Raw, *, unit: str | None, up: str | None) -> JointRecording:
+    """Scale and turn a raw skeleton into the world; what was guessed is noted."""
+    body = recognise(raw.names, raw.parents)
+    notes = list(raw.notes)
+    if unit is None:
+        unit, scale, sentence = guess_unit(raw, body)
+        notes.append(sentence)
+    else:
+        scale = unit_scale(unit)
+    if up is None:
+        up, sentence = guess_up(raw, body)
+        notes.append(sentence)
+    turn = to_world(up)
+    position = raw.position @ (turn.T * scale)
+    reach = np.nanmax(np.abs(position), initial=0.0)
+    if reach > 1e5:
+        raise InputError(
+            f"Positions reach {reach:.3g} m with the unit {unit}, which is no capture volume.",
+            path=raw.path,
+        )
+    return JointRecording(
+        source=Source(
+            path=raw.path,
+            sha256=raw.sha256,
+            format=raw.format,
+            unit=unit,
+            up=up,
+            fps=raw.fps,
+            frames=len(raw.position),
+        ),
+        names=raw.names,
+        parents=raw.parents,
+        time=np.arange(len(raw.position)) / raw.fps,
+        position=position,
+        rotation=turn @ raw.rotation,
+        end_sites={name: (j, offset * scale) for name, (j, offset) in raw.end_sites.items()},
+        notes=tuple(notes),
+    )
+
+
+def nice_rate(frame_time: float) -> float:
+    """Frames per second of a printed frame time: 0.0333333 s means 30, not 30.00003."""
+    fps = 1.0 / frame_time
+    for nice in (round(fps), round(fps * 1001 / 1000) * 1000 / 1001):
+        if nice > 0 and abs(fps - nice) < 3e-4 * nice:
+            return float(nice)
+    return fps
+
+
+def chain_positions(
+    parents: Sequence[int], local: Sequence[Floats], rotation: Sequence[Floats]
+) -> tuple[Floats, Floats]:
+    """World positions (T, J, 3) and rotations (T, J, 3, 3) from local ones, parents first."""
+    world_p: list[Floats] = []
+    world_r: list[Floats] = []
+    for j, parent in enumerate(parents):
+        if parent < 0:
+            world_p.append(local[j])
+            world_r.append(rotation[j])
+        else:
+            turned = np.einsum("tij,tj->ti", world_r[parent], local[j])
+            world_p.append(world_p[parent] + turned)
+            world_r.append(world_r[parent] @ rotation[j])
+    return np.stack(world_p, axis=1), np.stack(world_r, axis=1)
