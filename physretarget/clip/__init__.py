@@ -1,0 +1,13 @@
+"""A clip: a character's motion as qpos over time, ours or another tool's.
+
+``load_clip`` reads our own npz and the formats of LocoMuJoCo, mjlab/BeyondMimic, holosoma,
+LAFAN1-style and ProtoMotions csv, GMR pkl and plain qpos arrays; every guess it makes is
+a sentence in ``Clip.notes``.
+"""
+
+from __future__ import annotations
+
+from physretarget.clip.core import Clip
+from physretarget.clip.load import CLIP_SUFFIXES, load_clip
+
+__all__ = ["CLIP_SUFFIXES", "Clip", "load_clip"]

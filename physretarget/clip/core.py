@@ -1,0 +1,161 @@
+"""The clip itself and its file: a deterministic npz that is never pickled."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import tempfile
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physretarget.errors import InputError
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+# The oldest date a zip archive can carry: same inputs, same bytes.
+_ZIP_DATE = (1980, 1, 1, 0, 0, 0)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Clip:
+    """A character's motion.
+
+    ``qpos`` (T, nq) in MuJoCo's layout (metres, radians, quaternions wxyz) and ``time`` (T,) s,
+    strictly increasing. ``contact_active`` (T, nc) says, where it is known, which of the
+    ``contact_points`` stand. ``meta`` is JSON-able: tool version, inputs with their SHA-256,
+    parameters, seed. ``notes`` are sentences about what was inferred or repaired on reading.
+    """
+
+    qpos: Floats
+    time: Floats
+    joint_names: tuple[str, ...] = ()
+    model_name: str = ""
+    model_sha256: str = ""
+    contact_points: tuple[str, ...] = ()
+    contact_active: Bools | None = None
+    meta: Mapping[str, Any] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    path: str | None = None
+    sha256: str | None = None
+    format: str = "physretarget"
+
+    def __post_init__(self) -> None:
+        check_motion(self.qpos, self.time, path=self.path)
+        active = self.contact_active
+        wanted = (len(self.time), len(self.contact_points))
+        if active is not None and active.shape != wanted:
+            raise InputError(
+                f"contact_active has shape {active.shape}, {wanted} (frames, contact points) "
+                "is needed.",
+                path=self.path,
+            )
+
+    @property
+    def frames(self) -> int:
+        """Number of frames."""
+        return len(self.time)
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the first frame to the last."""
+        return float(self.time[-1] - self.time[0])
+
+    @property
+    def fps(self) -> float:
+        """Frames per second, the mean over the clip (0 for a single frame)."""
+        return (self.frames - 1) / self.duration if self.frames > 1 else 0.0
+
+    @property
+    def name(self) -> str:
+        """The file's name, or the model's where the clip was never a file."""
+        return Path(self.path).name if self.path else (self.model_name or "clip")
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the clip: written beside its place, then renamed, so never half there."""
+        target = Path(path)
+        try:
+            handle, beside = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+        except OSError as error:
+            raise InputError(f"cannot be written: {error.strerror}.", path=target) from error
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.write(self.to_bytes())
+            os.chmod(beside, 0o644)
+            os.replace(beside, target)
+        except BaseException:
+            Path(beside).unlink(missing_ok=True)
+            raise
+
+    def to_bytes(self) -> bytes:
+        """The bytes of the clip file: members sorted by name, dates fixed."""
+        content = io.BytesIO()
+        with zipfile.ZipFile(content, "w", zipfile.ZIP_STORED) as archive:
+            for name, array in sorted(self._arrays().items()):
+                member = io.BytesIO()
+                np.lib.format.write_array(member, array, version=(1, 0), allow_pickle=False)
+                entry = zipfile.ZipInfo(f"{name}.npy", date_time=_ZIP_DATE)
+                entry.external_attr = 0o644 << 16
+                archive.writestr(entry, member.getvalue())
+        return content.getvalue()
+
+    def _arrays(self) -> dict[str, NDArray[Any]]:
+        meta = json.dumps(dict(self.meta), sort_keys=True, ensure_ascii=True, allow_nan=False)
+        arrays: dict[str, NDArray[Any]] = {
+            "qpos": np.ascontiguousarray(self.qpos, dtype="<f8"),
+            "time": np.ascontiguousarray(self.time, dtype="<f8"),
+            "joint_names": _strings(self.joint_names),
+            "model_name": np.array(self.model_name, dtype=np.str_),
+            "model_sha256": np.array(self.model_sha256, dtype=np.str_),
+            "contact_points": _strings(self.contact_points),
+            "meta": np.array(meta, dtype=np.str_),
+        }
+        if self.contact_active is not None:
+            arrays["contact_active"] = np.ascontiguousarray(self.contact_active, dtype=np.bool_)
+        if self.notes:
+            arrays["notes"] = _strings(self.notes)
+        return arrays
+
+
+def _strings(values: tuple[str, ...]) -> NDArray[np.str_]:
+    return np.array(values, dtype=np.str_) if values else np.zeros(0, dtype="<U1")
+
+
+def check_motion(qpos: Floats, time: Floats, *, path: str | None) -> None:
+    """Reject motion that nothing can be computed from, naming the frame."""
+    if qpos.ndim != 2 or time.ndim != 1 or len(qpos) != len(time):
+        raise InputError(
+            f"qpos has shape {qpos.shape} and time {time.shape}, (frames, nq) and (frames,) "
+            "are needed.",
+            path=path,
+        )
+    if len(time) == 0 or qpos.shape[1] == 0:
+        raise InputError("the clip is empty: it has no frames or no coordinates.", path=path)
+    bad = ~np.isfinite(qpos)
+    if bad.any():
+        frame, column = (int(i) for i in np.argwhere(bad)[0])
+        value = qpos[frame, column]
+        raise InputError(
+            f"qpos column {column} is {value}, every value must be a finite number.",
+            path=path,
+            frame=frame,
+        )
+    if not np.isfinite(time).all():
+        frame = int(np.flatnonzero(~np.isfinite(time))[0])
+        raise InputError(f"time is {time[frame]}, a number is needed.", path=path, frame=frame)
+    steps = np.diff(time)
+    if (steps <= 0).any():
+        frame = int(np.flatnonzero(steps <= 0)[0]) + 1
+        raise InputError(
+            f"time goes from {time[frame - 1]:.6g} s to {time[frame]:.6g} s, "
+            "it must increase from frame to frame.",
+            path=path,
+            frame=frame,
+        )

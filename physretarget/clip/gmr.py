@@ -1,0 +1,67 @@
+"""GMR's pickle: fps, root_pos, root_rot (xyzw), dof_pos."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from physretarget.clip.arrays import as_floats
+from physretarget.clip.pickles import unpickle
+from physretarget.clip.raw import Raw
+from physretarget.errors import InputError
+
+
+def read(content: bytes, *, path: str, sha256: str) -> Raw:
+    """Read a GMR pickle without running anything of it."""
+    value = unpickle(content, path=path)
+    if isinstance(value, dict) and len(value) == 1 and "root_pos" not in value:
+        only = next(iter(value.values()))  # some collections wrap one motion under its name
+        value = only if isinstance(only, dict) else value
+    if not isinstance(value, dict):
+        raise InputError(f"the pickle holds a {type(value).__name__}, not a dict.", path=path)
+    return from_mapping(value, path=path, sha256=sha256, format="GMR pkl")
+
+
+def from_mapping(value: Mapping[Any, Any], *, path: str, sha256: str, format: str) -> Raw:
+    """A motion out of GMR's fields."""
+    missing = [k for k in ("root_pos", "root_rot", "dof_pos") if k not in value]
+    if missing:
+        has = ", ".join(str(k) for k in list(value)[:8])
+        raise InputError(f"a {format} needs '{missing[0]}', this one has {has}.", path=path)
+    position = as_floats(value["root_pos"], name="root_pos", ndim=2, path=path)
+    rotation = as_floats(value["root_rot"], name="root_rot", ndim=2, path=path)
+    joints = as_floats(value["dof_pos"], name="dof_pos", ndim=2, path=path)
+    shapes = (position.shape, rotation.shape, joints.shape)
+    if position.shape[1] != 3 or rotation.shape[1] != 4 or len({s[0] for s in shapes}) != 1:
+        raise InputError(
+            f"root_pos, root_rot, dof_pos have shapes {shapes}, (T, 3), (T, 4), (T, n) are needed.",
+            path=path,
+        )
+    return Raw(
+        format=format,
+        path=path,
+        sha256=sha256,
+        values=np.concatenate([position, rotation, joints], axis=1),
+        joints=_names(value),
+        order="xyzw",
+        fps=_rate(value.get("fps"), path),
+    )
+
+
+def _rate(value: Any, path: str) -> float | None:
+    if value is None:
+        return None
+    array = np.asarray(value)
+    if array.size != 1 or array.dtype.kind not in "iuf":
+        raise InputError(f"'fps' must be one number, it is {value!r:.40}.", path=path)
+    return float(array.ravel()[0])
+
+
+def _names(value: Mapping[Any, Any]) -> tuple[str, ...] | None:
+    for key in ("dof_names", "joint_names"):
+        names = value.get(key)
+        if names is not None and len(names) and all(isinstance(n, str) for n in names):
+            return tuple(str(n) for n in names)
+    return None

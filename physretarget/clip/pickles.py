@@ -1,0 +1,131 @@
+"""A pickle reader that admits NumPy arrays and plain containers, and runs nothing.
+
+A pickle is a program. This one may build dicts, lists, tuples, sets, text, numbers and
+arrays; any other name it asks for ends the reading before anything is called.
+"""
+
+from __future__ import annotations
+
+import io
+import pickle
+import pickletools
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from physretarget.errors import InputError, UnsafeInputError
+
+_ARRAY_MODULES = ("numpy.core.multiarray", "numpy._core.multiarray")
+_BUFFER_MODULES = ("numpy.core.numeric", "numpy._core.numeric")
+# Objects by persistent id, by extension registry, or built through a class: never needed.
+_FORBIDDEN = {"PERSID", "BINPERSID", "EXT1", "EXT2", "EXT4", "INST", "OBJ", "NEWOBJ", "NEWOBJ_EX"}
+
+
+class _NdarrayName:
+    """Stands for numpy.ndarray, so that a pickle can name the class but not call it."""
+
+
+def _reconstruct(kind: Any, shape: Any, code: Any) -> np.ndarray[Any, Any]:
+    # NumPy pickles always start from an empty array; a large shape here is an attack.
+    if kind is not _NdarrayName or shape != (0,):
+        raise pickle.UnpicklingError("an array starts from something else than nothing")
+    return np.ndarray((0,), "b")
+
+
+def _frombuffer(buffer: Any, dtype: Any, shape: Any, order: str) -> np.ndarray[Any, Any]:
+    if not isinstance(dtype, np.dtype) or dtype.hasobject:
+        raise pickle.UnpicklingError("a buffer of objects")
+    return np.frombuffer(buffer, dtype=dtype).reshape(shape, order="F" if order == "F" else "C")
+
+
+def _scalar(dtype: Any, data: Any) -> Any:
+    if not isinstance(dtype, np.dtype) or dtype.hasobject or not isinstance(data, bytes):
+        raise pickle.UnpicklingError("a scalar that is none")
+    return np.frombuffer(data, dtype=dtype, count=1)[0]
+
+
+def _dtype(code: Any, align: Any = False, copy: Any = False) -> np.dtype[Any]:
+    if not isinstance(code, str) or len(code) > 16:
+        raise pickle.UnpicklingError("a data type that is no plain one")
+    return np.dtype(code)
+
+
+def _encode(text: Any, encoding: Any) -> bytes:
+    # Protocol 2 writes bytes as latin-1 text.
+    if not isinstance(text, str) or encoding != "latin1":
+        raise pickle.UnpicklingError("text in an unknown coding")
+    return text.encode("latin1")
+
+
+class _Restricted(pickle.Unpickler):
+    def __init__(self, content: bytes, path: str) -> None:
+        super().__init__(io.BytesIO(content))
+        self._path = path
+
+    def find_class(self, module: str, name: str) -> Any:
+        known: dict[tuple[str, str], Any] = {
+            ("numpy", "ndarray"): _NdarrayName,
+            ("numpy", "dtype"): _dtype,
+            ("_codecs", "encode"): _encode,
+            ("builtins", "bytes"): _empty_bytes,
+        }
+        known |= {(m, "_reconstruct"): _reconstruct for m in _ARRAY_MODULES}
+        known |= {(m, "scalar"): _scalar for m in _ARRAY_MODULES}
+        known |= {(m, "_frombuffer"): _frombuffer for m in _BUFFER_MODULES}
+        found: Callable[..., Any] | None = known.get((module, name))
+        if found is None:
+            raise UnsafeInputError(
+                f"the pickle asks for {module}.{name}, only NumPy arrays and plain containers "
+                "are admitted; nothing was run.",
+                path=self._path,
+            )
+        return found
+
+    def persistent_load(self, pid: Any) -> Any:
+        raise UnsafeInputError("the pickle refers to outside objects.", path=self._path)
+
+
+def _empty_bytes(*args: Any) -> bytes:
+    if args:
+        raise pickle.UnpicklingError("bytes built by a call")
+    return b""
+
+
+def unpickle(content: bytes, *, path: str) -> Any:
+    """The plain value that a pickle holds, or an error; no code of the pickle runs.
+
+    The stream is walked once beforehand, so that claimed lengths and memo slots beyond the
+    file cannot make the reader allocate.
+    """
+    _walk(content, path)
+    try:
+        return _Restricted(content, path).load()
+    except InputError:
+        raise
+    except (
+        pickle.UnpicklingError, ValueError, TypeError, EOFError, KeyError, IndexError,
+        AttributeError, ImportError, MemoryError, RecursionError, OverflowError, SystemError,
+        UnicodeError,
+    ) as error:  # fmt: skip
+        raise InputError("is not a readable pickle of arrays.", path=path) from error
+
+
+def _walk(content: bytes, path: str) -> None:
+    count = 0
+    try:
+        for opcode, argument, _ in pickletools.genops(content):
+            count += 1
+            if opcode.name in _FORBIDDEN:
+                raise UnsafeInputError(
+                    f"the pickle builds objects ({opcode.name}), only NumPy arrays and plain "
+                    "containers are admitted; nothing was run.",
+                    path=path,
+                )
+            slot = int(argument or 0) if opcode.name in ("PUT", "BINPUT", "LONG_BINPUT") else 0
+            if slot > count + 256:
+                raise UnsafeInputError("the pickle claims an absurd memo slot.", path=path)
+    except UnsafeInputError:
+        raise
+    except (ValueError, TypeError, EOFError, IndexError, UnicodeError, OverflowError) as error:
+        raise InputError("is not a readable pickle: cut off or damaged.", path=path) from error

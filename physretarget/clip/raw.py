@@ -1,0 +1,257 @@
+"""What an importer hands over, and how it becomes a clip of a given character."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from typing import Literal, Protocol, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physretarget.clip.core import Bools, Clip, Floats
+from physretarget.clip.quaternion import QuatOrder, decide_order, repair
+from physretarget.errors import InputError, UsageError
+from physretarget.kinematics import Tree
+
+JointOrder = Literal["model", "breadth-first"]
+# A thousand kilometres, or 160 000 turns of a joint: damage, not motion.
+_ABSURD = 1e6
+_WIDTH = {"free": 7, "ball": 4, "hinge": 1, "slide": 1}
+
+
+class Layout(Protocol):
+    """What reading needs to know of a character."""
+
+    @property
+    def name(self) -> str:
+        """The model's name."""
+
+    @property
+    def sha256(self) -> str:
+        """The model's hash."""
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Joint names in the model's order, the free joint's included."""
+
+    @property
+    def tree(self) -> Tree:
+        """Addresses and kinds of the joints."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Told:
+    """What the user said about a file, None where nothing was said."""
+
+    fps: float | None = None
+    quat: QuatOrder | None = None
+    joint_order: JointOrder | None = None
+
+    def __post_init__(self) -> None:
+        if self.fps is not None and not (np.isfinite(self.fps) and 0 < self.fps <= 1e5):
+            raise UsageError(f"a frame rate of {self.fps} was given, one above 0 is needed.")
+        if self.quat not in (None, "wxyz", "xyzw"):
+            raise UsageError(f"quaternion order '{self.quat}' was given: use wxyz or xyzw.")
+        if self.joint_order not in (None, "model", "breadth-first"):
+            raise UsageError(
+                f"joint order '{self.joint_order}' was given: use model or breadth-first."
+            )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Raw:
+    """A file's numbers before they are understood.
+
+    ``values`` (T, n): root position and quaternion (when ``rooted``) and then the joints, or a
+    whole qpos. ``joints`` names what follows the root, or all joints, or is None when the
+    file names nothing. ``order`` is the root quaternion's order where the format fixes it.
+    """
+
+    format: str
+    path: str
+    sha256: str
+    values: Floats
+    rooted: bool = True
+    joints: tuple[str, ...] | None = None
+    order: QuatOrder | None = None
+    time: Floats | None = None
+    fps: float | None = None
+    contact_points: tuple[str, ...] = ()
+    contact_active: Bools | None = None
+    model_name: str = ""
+    model_sha256: str = ""
+    meta: dict[str, object] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+
+def finish(raw: Raw, character: Layout | None, told: Told) -> Clip:
+    """Order, check and repair: the one way from any importer to a clip."""
+    notes = list(raw.notes)
+    _reject_nonfinite(raw)
+    time = _time(raw, told, notes)
+    qpos = raw.values if character is None else _in_model_order(raw, character, notes)
+    quats = _quaternions(raw, qpos, character)
+    if len(quats):
+        qpos = qpos.copy()
+        _settle_order(raw, qpos, quats, told, notes)
+        repair(qpos, quats, path=raw.path, notes=notes)
+    names = raw.joints or ()
+    if character is not None:
+        names = tuple(character.joint_names)
+        _compare_model(raw, character, notes)
+    meta = dict(raw.meta)
+    return Clip(
+        qpos=np.ascontiguousarray(qpos),
+        time=time,
+        joint_names=names,
+        model_name=raw.model_name or (character.name if character else ""),
+        model_sha256=raw.model_sha256 or (character.sha256 if character else ""),
+        contact_points=raw.contact_points,
+        contact_active=raw.contact_active,
+        meta=meta,
+        notes=tuple(notes),
+        path=raw.path,
+        sha256=raw.sha256,
+        format=raw.format,
+    )
+
+
+def _reject_nonfinite(raw: Raw) -> None:
+    if raw.values.ndim != 2 or 0 in raw.values.shape:
+        raise InputError(f"holds no frames: its data have shape {raw.values.shape}.", path=raw.path)
+    bad = ~(np.abs(raw.values) <= _ABSURD)
+    if bad.any():
+        frame, column = (int(i) for i in np.argwhere(bad)[0])
+        raise InputError(
+            f"column {column} is {raw.values[frame, column]:.6g}, every value must be a finite "
+            f"number (at most {_ABSURD:g}).",
+            path=raw.path,
+            frame=frame,
+        )
+
+
+def _time(raw: Raw, told: Told, notes: list[str]) -> Floats:
+    frames = len(raw.values)
+    if raw.time is not None:
+        if told.fps is not None:
+            notes.append(
+                f"The file carries its own time; the given {told.fps:g} frames/s is not used."
+            )
+        return raw.time
+    fps = told.fps if told.fps is not None else raw.fps
+    if fps is None:
+        raise InputError(
+            f"a {raw.format} clip states no frame rate: give --fps (frames per second).",
+            path=raw.path,
+        )
+    if not (np.isfinite(fps) and 0 < fps <= 1e5):
+        raise InputError(
+            f"the file claims {fps} frames per second, one above 0 is needed.", path=raw.path
+        )
+    if raw.fps is not None and told.fps is not None and told.fps != raw.fps:
+        notes.append(f"Frame rate {told.fps:g} as told; the file says {raw.fps:g}.")
+    return np.arange(frames, dtype=np.float64) / fps
+
+
+def _in_model_order(raw: Raw, character: Layout, notes: list[str]) -> Floats:
+    tree, values = character.tree, raw.values
+    if values.shape[1] != tree.nq:
+        raise InputError(
+            f"the clip has {values.shape[1]} coordinates per frame, "
+            f"model '{character.name}' has nq = {tree.nq}.",
+            path=raw.path,
+        )
+    if raw.joints is None:
+        notes.append(
+            f"The file names no joints: its {tree.nq} columns are taken in the order of "
+            f"model '{character.name}'."
+        )
+        return values
+    columns = _columns(raw, character)
+    if (np.diff(columns) != 1).any():
+        notes.append("Joints were put into the model's order by their names.")
+    return values[:, columns]
+
+
+def _columns(raw: Raw, character: Layout) -> NDArray[np.int64]:
+    """For each qpos coordinate of the model, the file's column that holds it."""
+    tree = character.tree
+    ours = list(character.joint_names)
+    theirs = list(raw.joints or ())
+    kinds = [joint.kind for joint in tree.joints]
+    if kinds and kinds[0] == "free" and theirs != ours:
+        if len(theirs) == len(ours) - 1:
+            theirs.insert(0, ours[0])
+        elif len(theirs) == len(ours) and theirs[0] not in ours:
+            theirs[0] = ours[0]  # the free joint goes by many names: root, floating_base_joint
+    _compare_names(ours, theirs, raw.path, character.name)
+    width = {name: _WIDTH[kind] for name, kind in zip(ours, kinds, strict=True)}
+    starts = dict(
+        zip(theirs, np.cumsum([0, *(width[n] for n in theirs[:-1])]).tolist(), strict=True)
+    )
+    return np.concatenate([starts[n] + np.arange(width[n]) for n in ours]).astype(np.int64)
+
+
+def _compare_names(ours: list[str], theirs: list[str], path: str, model: str) -> None:
+    if len(set(theirs)) != len(theirs):
+        twice = sorted({n for n in theirs if theirs.count(n) > 1})
+        raise InputError(f"the clip names joint '{twice[0]}' twice.", path=path)
+    missing = [n for n in ours if n not in theirs]
+    unknown = [n for n in theirs if n not in ours]
+    if not missing and not unknown:
+        return
+    parts = []
+    if unknown:
+        close = get_close_matches(unknown[0], ours, n=1)
+        parts.append(
+            f"the clip's {_few(unknown)} not in model '{model}'"
+            + (f" (did it mean '{close[0]}'?)" if close else "")
+        )
+    if missing:
+        parts.append(f"the model's {_few(missing)} not in the clip")
+    raise InputError("joints differ: " + "; ".join(parts) + ".", path=path)
+
+
+def _few(names: list[str]) -> str:
+    shown = ", ".join(f"'{n}'" for n in names[:5])
+    rest = f" and {len(names) - 5} more" if len(names) > 5 else ""
+    return f"joint{'s' if len(names) > 1 else ''} {shown}{rest} {'are' if len(names) > 1 else 'is'}"
+
+
+def _quaternions(raw: Raw, qpos: Floats, character: Layout | None) -> NDArray[np.int64]:
+    if character is not None:
+        return character.tree.quats[0]
+    if raw.rooted and qpos.shape[1] >= 7:
+        return np.arange(3, 7, dtype=np.int64)[None]
+    return np.zeros((0, 4), dtype=np.int64)
+
+
+def _settle_order(
+    raw: Raw, qpos: Floats, quats: NDArray[np.int64], told: Told, notes: list[str]
+) -> None:
+    """Bring quaternions to wxyz, in place, by what was told, the format, or inference."""
+    order = told.quat or raw.order
+    if told.quat and raw.order and told.quat != raw.order:
+        notes.append(f"Quaternions read as {told.quat} as told; {raw.format} uses {raw.order}.")
+    if order is None:
+        order, reason = decide_order(qpos[:, quats[0]], path=raw.path)
+        notes.append(reason)
+    if order == "xyzw":
+        for columns in quats:
+            qpos[:, columns] = qpos[:, np.roll(columns, 1)]
+
+
+def _compare_model(raw: Raw, character: Layout, notes: list[str]) -> None:
+    if raw.model_sha256 and raw.model_sha256 != character.sha256:
+        notes.append(
+            f"The clip was made with another version of its model: {raw.model_sha256[:12]}, "
+            f"judged with {character.sha256[:12]}."
+        )
+
+
+def order_of(text: str | None) -> QuatOrder | None:
+    """A told quaternion order, checked."""
+    if text is None or text in ("wxyz", "xyzw"):
+        return cast("QuatOrder | None", text)
+    raise UsageError(f"quaternion order '{text}' was given: use wxyz or xyzw.")
