@@ -1,0 +1,27 @@
+"""A character: load it, audit it, build the actor's; momentum and batched inverse dynamics.
+
+The only package below the stages that knows MuJoCo.
+"""
+
+from __future__ import annotations
+
+from physretarget.mjcf.character import Character, Points
+from physretarget.mjcf.dynamics import (
+    Momentum,
+    RootWrench,
+    derivatives,
+    lowpass,
+    momentum,
+    required_wrench,
+)
+
+__all__ = [
+    "Character",
+    "Momentum",
+    "Points",
+    "RootWrench",
+    "derivatives",
+    "lowpass",
+    "momentum",
+    "required_wrench",
+]
