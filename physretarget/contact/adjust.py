@@ -1,0 +1,336 @@
+"""Contact adjustment: planted points stay where they are (Yamane 2010, section 5.2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physretarget import kinematics
+from physretarget.contact.phases import Phases, runs
+from physretarget.contact.settings import ContactSettings
+from physretarget.contact.sole import Sole, SoleMotion, make_sole, sole_motion, yaw_quat
+from physretarget.contact.stances import Footing, find_footings
+from physretarget.contact.track import Track, fly, stand
+from physretarget.errors import InputError
+from physretarget.ik import continuous_qpos
+from physretarget.kinematics import PointTargets
+from physretarget.mjcf import Character
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+TOUCHING = 1e-3
+"""A point this near to its place on the floor (m) counts as planted, whoever bears the body."""
+SHORTEST_TOUCH = 0.05
+"""Shorter touches of points that bear nothing by the timetable are not reported (s)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stance:
+    """One stance of one body, for reports.
+
+    ``body`` its name; ``points`` the contact points that bore it at some time; frames
+    ``first`` to ``last``, ``start`` and ``end`` in s; ``position`` (2,) m and ``yaw`` rad of the
+    sole's centre; ``hop`` whether the flight before it was made or lengthened.
+    """
+
+    body: str
+    points: tuple[str, ...]
+    first: int
+    last: int
+    start: float
+    end: float
+    position: Floats
+    yaw: float
+    hop: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Contacted:
+    """A clip whose contacts hold still.
+
+    ``qpos`` (T, nq); ``active`` (T, nc) contact points that stand on the floor, as the final
+    poses have them; ``target`` (T, nc, 3) where a point of a standing body belongs, NaN
+    otherwise; ``slide_max_m`` farthest that an active point moves along the floor within a
+    stance; ``sink_max_m`` deepest that one sinks; ``stances`` in order of time.
+    """
+
+    qpos: Floats
+    active: Bools
+    target: Floats
+    slide_max_m: float
+    sink_max_m: float
+    stances: tuple[Stance, ...]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Foot:
+    """A sole with its motion before the adjustment, its stances and the path it shall take."""
+
+    sole: Sole
+    motion: SoleMotion
+    active: Bools
+    footings: list[Footing]
+    track: Track
+
+
+def adjust(
+    character: Character,
+    qpos: Floats,
+    time: Floats,
+    phases: Phases,
+    *,
+    settings: ContactSettings | None = None,
+) -> Contacted:
+    """Plant the character's contact points when the actor's are planted.
+
+    Every body that carries contact points gets one rigid place per stance, the mean of where
+    the motion has it, on the floor. Corrections are blended over flights. The root moves with
+    them and carries the whole pose; inverse kinematics does the rest.
+
+    Args:
+        character: its ``contacts`` are tied to the actor's by ``tied``; None is not planted.
+        qpos: (T, nq) placed by momentum. time: (T,) s. phases: sampled at the same times.
+        settings: defaults if None.
+
+    Raises:
+        InputError: frames, times and phases do not match, or a pose is not finite.
+    """
+    settings = settings or ContactSettings()
+    _check(character, qpos, time, phases)
+    pose = kinematics.forward(character.tree, qpos)
+    feet, notes = _feet(character, pose, time, phases, settings)
+    target = np.full((len(qpos), len(character.tied), 3), np.nan)
+    if not feet:
+        empty = np.zeros(target.shape[:2], dtype=bool)
+        reason = "No contact point is planted at any time: the motion is as it was."
+        return Contacted(qpos.copy(), empty, target, 0.0, 0.0, (), (reason,))
+    moved = _carried(character, qpos, feet)
+    if _off_track(character, moved, feet) > 1e-5:
+        moved = _followed(character, moved, feet, settings)
+    moved = continuous_qpos(character, moved)
+    for foot in feet:
+        target[:, foot.sole.points] = foot.track.target
+    return _measured(character, moved, time, feet, target, notes)
+
+
+def _check(character: Character, qpos: Floats, time: Floats, phases: Phases) -> None:
+    if not (len(qpos) == len(time) == len(phases.time)):
+        raise InputError(
+            f"the clip has {len(qpos)} frames, {len(time)} times and {len(phases.time)} frames "
+            "of contact phases; all must be equal."
+        )
+    broken = ~np.isfinite(qpos).all(axis=1)
+    if broken.any():
+        raise InputError(f"{character.name}'s pose is not finite.", frame=int(np.argmax(broken)))
+
+
+def _feet(
+    character: Character,
+    pose: kinematics.Pose,
+    time: Floats,
+    phases: Phases,
+    settings: ContactSettings,
+) -> tuple[list[_Foot], list[str]]:
+    """The bodies that stand at some time, with the path that each shall take."""
+    standing = kinematics.forward(character.tree, character.reference_qpos[None])
+    found: list[tuple[Sole, SoleMotion, Bools, list[Footing], Track]] = []
+    notes: list[str] = []
+    tied = np.array([point is not None for point in character.tied], dtype=bool)
+    for body in np.unique(character.contacts.body[tied]):
+        index = np.flatnonzero((character.contacts.body == body) & tied)
+        names = [str(character.tied[i]) for i in index]
+        active = np.stack([phases.of(name) for name in names], axis=1)
+        if not active.any():
+            continue
+        sole = make_sole(
+            int(body),
+            index,
+            character.contacts.local[index],
+            tuple(_side(name) for name in names),
+            standing.rotation[0, body],
+        )
+        motion = sole_motion(sole, pose)
+        heading = motion.yaw if len(index) > 1 else np.zeros(len(time))
+        place = np.concatenate([motion.centre[:, :2], heading[:, None]], axis=1)
+        footings, remarks = find_footings(sole, active, place, time, character.height, settings)
+        notes += [f"{character.model.body(int(body)).name}: {remark}" for remark in remarks]
+        floor = character.floor_height
+        track = stand(sole, motion, footings, active, time, floor, settings)
+        found.append((sole, motion, active, footings, track))
+    grounded = np.zeros(len(time), dtype=bool)
+    for *_, track in found:
+        grounded |= track.standing
+    return [
+        _Foot(
+            sole,
+            motion,
+            active,
+            footings,
+            fly(
+                sole,
+                motion,
+                track,
+                footings,
+                grounded,
+                time,
+                character.floor_height,
+                character.height,
+                settings,
+            ),
+        )
+        for sole, motion, active, footings, track in found
+    ], notes
+
+
+def _side(name: str) -> str:
+    return name.split("_")[0] if name.startswith(("left_", "right_")) else name
+
+
+def _carried(character: Character, qpos: Floats, feet: list[_Foot]) -> Floats:
+    """The root corrected so that the feet are where they shall be, on the average.
+
+    If the root itself is the body that stands on a face, its path is exact and nothing else
+    has to move: the whole pose is carried along.
+    """
+    if not character.has_root:
+        return qpos.copy()
+    at = character.root_qpos
+    moved = qpos.copy()
+    own = [f for f in feet if f.sole.body == character.root_body and len(f.sole.local) > 2]
+    if own:
+        rotation, sole = own[0].track.rotation, own[0].sole
+        moved[:, at : at + 3] = own[0].track.centre - rotation @ sole.centre
+        moved[:, at + 3 : at + 7] = kinematics.matrix_to_quat(rotation)
+        return moved
+    # Feet count the more, the nearer in time they stand: the average stays continuous.
+    weight = np.stack([1.0 / (1.0 + (f.track.away / 0.2) ** 2) for f in feet])
+    weight += 1e-6
+    weight /= weight.sum(axis=0)
+    before = np.einsum("ft,ftc->tc", weight, np.stack([f.motion.centre for f in feet]))
+    after = np.einsum("ft,ftc->tc", weight, np.stack([f.track.centre for f in feet]))
+    turn = yaw_quat(np.einsum("ft,ft->t", weight, np.stack([_yaw_shift(f) for f in feet])))
+    arm = qpos[:, at : at + 3] - before
+    moved[:, at : at + 3] = after + kinematics.quat_rotate(turn, arm)
+    moved[:, at + 3 : at + 7] = kinematics.quat_multiply(turn, qpos[:, at + 3 : at + 7])
+    return moved
+
+
+def _yaw_shift(foot: _Foot) -> Floats:
+    """(T,) by how much a foot's heading is corrected, continuous."""
+    if len(foot.sole.local) < 2:
+        return np.zeros(len(foot.motion.yaw))
+    change = foot.track.rotation @ np.swapaxes(foot.motion.rotation, 1, 2)
+    quat = kinematics.continuous(kinematics.matrix_to_quat(change))
+    shift: Floats = np.unwrap(2.0 * np.arctan2(quat[:, 3], quat[:, 0]))
+    return shift - 2.0 * np.pi * np.round(shift[0] / (2.0 * np.pi))
+
+
+def _off_track(character: Character, qpos: Floats, feet: list[_Foot]) -> float:
+    """The farthest that a point of any path is missed, m."""
+    pose = kinematics.forward(character.tree, qpos)
+    return max(
+        float(np.abs(_points(pose, foot.sole) - foot.track.points(foot.sole)).max())
+        for foot in feet
+    )
+
+
+def _points(pose: kinematics.Pose, sole: Sole) -> Floats:
+    bodies = np.full(len(sole.local), sole.body)
+    return kinematics.points(pose, bodies, sole.local)
+
+
+def _followed(
+    character: Character, qpos: Floats, feet: list[_Foot], settings: ContactSettings
+) -> Floats:
+    """Inverse kinematics: contact points on their paths, everything else as it was."""
+    pose = kinematics.forward(character.tree, qpos)
+    markers = character.markers
+    targets = [
+        PointTargets(
+            markers.body, markers.local, kinematics.points(pose, markers.body, markers.local)
+        )
+    ]
+    for foot in feet:
+        sole, track = foot.sole, foot.track
+        flight = settings.flight_weight / (1.0 + (track.away / settings.fade) ** 2) ** 2
+        near = np.exp(-((track.away / 0.04) ** 2))
+        weight = (flight + (settings.stance_weight - flight) * near)[:, None]
+        weight = np.broadcast_to(weight, (len(qpos), len(sole.local)))
+        bodies = np.full(len(sole.local), sole.body)
+        targets.append(PointTargets(bodies, sole.local, track.points(sole), weight))
+    found = kinematics.solve(
+        character.tree,
+        qpos,
+        targets,
+        lower=character.lower,
+        upper=character.upper,
+        prior_weight=1e-4,
+        iterations=20,
+        tolerance=1e-4,
+    )
+    return found.qpos
+
+
+def _measured(
+    character: Character,
+    qpos: Floats,
+    time: Floats,
+    feet: list[_Foot],
+    target: Floats,
+    notes: list[str],
+) -> Contacted:
+    """What the final poses do: which points really stand, how far they slide and sink."""
+    pose = kinematics.forward(character.tree, qpos)
+    floor = character.floor_height
+    active = np.zeros(target.shape[:2], dtype=bool)
+    slide, sink = 0.0, 0.0
+    stances: list[Stance] = []
+    for foot in feet:
+        index = foot.sole.points
+        points = _points(pose, foot.sole)
+        miss = np.linalg.norm(points - foot.track.target, axis=-1)  # NaN in flight
+        touching = np.nan_to_num(miss, nan=np.inf) < TOUCHING
+        planted = touching & foot.track.planted
+        active[:, index] = planted | _long_enough(touching & ~planted, time)
+        for footing in foot.footings:
+            part = slice(footing.first, footing.last + 1)
+            on = active[part, :][:, index]
+            for k in np.flatnonzero(on.any(axis=0)):
+                held = points[part, k][on[:, k]]
+                slide = max(slide, float(np.linalg.norm(np.ptp(held[:, :2], axis=0))))
+                sink = max(sink, float(np.max(floor - held[:, 2])))
+            stances.append(_stance(character, foot, footing, time))
+        missed = float((foot.track.planted & ~touching).sum() / max(foot.track.planted.sum(), 1))
+        if missed > 0:
+            name = character.model.body(foot.sole.body).name
+            notes.append(f"{name}: {missed:.1%} of its planted points are out of reach.")
+    stances.sort(key=lambda s: (s.first, s.body))
+    return Contacted(qpos, active, target, slide, sink, tuple(stances), tuple(notes))
+
+
+def _long_enough(touching: Bools, time: Floats) -> Bools:
+    kept = np.zeros_like(touching)
+    for k in range(touching.shape[1]):
+        for first, last in runs(touching[:, k]):
+            if time[last] - time[first] >= SHORTEST_TOUCH:
+                kept[first : last + 1, k] = True
+    return kept
+
+
+def _stance(character: Character, foot: _Foot, footing: Footing, time: Floats) -> Stance:
+    bore = foot.track.planted[footing.first : footing.last + 1].any(axis=0)
+    return Stance(
+        body=character.model.body(foot.sole.body).name,
+        points=tuple(character.contacts.names[i] for i in foot.sole.points[bore]),
+        first=footing.first,
+        last=footing.last,
+        start=float(time[footing.first]),
+        end=float(time[footing.last]),
+        position=footing.place[:2].copy(),
+        yaw=float(footing.place[2]),
+        hop=footing.hop,
+    )

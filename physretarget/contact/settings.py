@@ -1,0 +1,48 @@
+"""What can be set about the contact adjustment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, kw_only=True)
+class ContactSettings:
+    """How stances are formed and how the character moves between them.
+
+    Lengths are fractions of the character's height, so that they hold for every size.
+
+    same_place: two consecutive stances of one body whose mean places are closer than this
+        share one rigid target; same_heading: and whose headings are closer (rad).
+    shared: so do two stances of which the shorter overlaps the longer for more than this
+        share of its time: the actor stands on both feet.
+    min_flight: shortest flight between two stances at different places, s.
+    hop_angle: a hop over a distance R takes at least as long as a throw over R at this angle,
+        sqrt(2 R tan(angle) / g), rad.
+    hop_share: at most this share of a stance is given up to a hop, at each end.
+    max_speed: a stance that could only be reached faster than this times sqrt(g · height) is
+        dropped.
+    hop_height: a flight of duration T rises at least g T²/8 (a ballistic hop), but no
+        higher than this; swing_height: a foot passes at least this far over the floor
+        while another one stands.
+    waddle: a body that carries points of both feet rolls onto the side that stands by this
+        angle, so that a walk shows (rad). Zero for none.
+    settle: time over which a body's tilt changes when other points become planted, s.
+    stance_weight: weight of planted points against 1 for each virtual marker;
+        flight_weight: of the same points in flight, fading over ``fade`` s from the stance.
+    """
+
+    same_place: float = 0.06
+    same_heading: float = 0.15
+    shared: float = 0.5
+    min_flight: float = 0.1
+    hop_angle: float = 0.6
+    hop_share: float = 0.3
+    max_speed: float = 3.0
+    hop_height: float = 0.3
+    swing_height: float = 0.015
+    waddle: float = 0.06
+    settle: float = 0.06
+    stance_weight: float = 1e4
+    flight_weight: float = 1e2
+    fade: float = 0.15
+    gravity: float = 9.81

@@ -1,0 +1,225 @@
+"""The rigid path of one body over a clip: standing, rolling over its edges, flying.
+
+The paper corrects each contact point on its own (Yamane 2010, eq. (9)). Points of one rigid
+body cannot be corrected apart from each other, so the same blend is applied here to the
+body's rigid placement: position, heading and tilt.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physretarget import kinematics
+from physretarget.contact.settings import ContactSettings
+from physretarget.contact.sole import Sole, SoleMotion, allowed_tilt, rolled, yaw_quat
+from physretarget.contact.stances import Footing
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Array = TypeVar("Array", Floats, Bools)
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """Where a sole shall be.
+
+    ``centre`` (T, 3) and ``rotation`` (T, 3, 3) of the body, world; ``target`` (T, n, 3) where
+    each point belongs while the body stands, NaN in flight; ``planted`` (T, n) the points that
+    bear it by the timetable; ``away`` (T,) s to the nearest stance, 0 within one.
+    """
+
+    centre: Floats
+    rotation: Floats
+    target: Floats
+    planted: Bools
+    away: Floats
+
+    @property
+    def standing(self) -> Bools:
+        """(T,) whether the body stands."""
+        standing: Bools = np.any(self.planted, axis=1, keepdims=False)
+        return standing
+
+    def points(self, sole: Sole) -> Floats:
+        """(T, n, 3) where the track puts the sole's points."""
+        arm = sole.local - sole.centre
+        points: Floats = self.centre[:, None] + np.einsum("tij,nj->tni", self.rotation, arm)
+        return points
+
+
+def stand(
+    sole: Sole,
+    motion: SoleMotion,
+    footings: Sequence[Footing],
+    active: Bools,
+    time: Floats,
+    floor: float,
+    settings: ContactSettings,
+) -> Track:
+    """Put the body on its footings; in flight it is still where the motion had it."""
+    centre, rotation = motion.centre.copy(), motion.rotation.copy()
+    target = np.full((*active.shape, 3), np.nan)
+    planted = np.zeros_like(active)
+    for footing in footings:
+        part = slice(footing.first, footing.last + 1)
+        bearing = footing.planted(sole, active)
+        turn = kinematics.quat_to_matrix(yaw_quat(footing.place[2]))
+        print_ = np.append(footing.place[:2], floor - sole.foot[:, 2].min()) + sole.foot @ turn.T
+        tilt = _tilt_on_floor(sole, motion.tilt[part], bearing, time, settings)
+        lean = kinematics.quat_to_matrix(kinematics.rotvec_to_quat(tilt))
+        if len(sole.local) > 1:
+            rotation[part] = turn @ lean @ sole.flat
+        pivot = np.argmax(bearing, axis=1)
+        arm = np.einsum("tij,tj->ti", rotation[part], (sole.local - sole.centre)[pivot])
+        centre[part] = print_[pivot] - arm
+        target[part], planted[part] = print_, bearing
+    return Track(
+        centre, rotation, target, planted, _away(np.any(planted, axis=1, keepdims=False), time)
+    )
+
+
+def _tilt_on_floor(
+    sole: Sole, tilt: Floats, planted: Bools, time: Floats, settings: ContactSettings
+) -> Floats:
+    """The body's tilt (F, 3) over a stance: as mapped, as far as the planted points allow.
+
+    Allowed tilts are convex cones, so an average over neighbours of tilts that each obey the
+    constraints of all their neighbours obeys its own: smooth, and no point sinks.
+    """
+    wanted = tilt.copy()
+    if sole.two_sided and settings.waddle > 0:
+        for side in dict.fromkeys(sole.sides):
+            mine = np.array([s == side for s in sole.sides])
+            alone = planted[:, mine].any(axis=1) & ~planted[:, ~mine].any(axis=1)
+            wanted[alone] += rolled(sole, mine, settings.waddle)
+    step = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
+    reach = min(round(settings.settle / step), len(tilt))
+    offsets = range(-reach, reach + 1)
+    spread = np.zeros_like(planted)
+    for offset in offsets:
+        spread |= _shifted(planted, offset)
+    possible = allowed_tilt(sole, wanted, spread)
+    total, weights = np.zeros_like(tilt), np.zeros((len(tilt), 1))
+    for offset in offsets:
+        weight = 1.0 + np.cos(np.pi * offset / (reach + 1))
+        total += weight * _shifted(possible, offset)
+        weights += weight * _shifted(np.ones((len(tilt), 1)), offset)
+    mean: Floats = total / weights
+    return mean
+
+
+def _shifted(rows: Array, offset: int) -> Array:
+    """Row t becomes row t + offset; zeros where there is none."""
+    out = np.zeros_like(rows)
+    if offset > 0:
+        out[:-offset] = rows[offset:]
+    elif offset < 0:
+        out[-offset:] = rows[:offset]
+    else:
+        out[:] = rows
+    return out
+
+
+def _away(standing: Bools, time: Floats) -> Floats:
+    """(T,) s to the nearest standing frame, infinite where there is none at all."""
+    frames = np.flatnonzero(standing)
+    if not len(frames):
+        return np.full(len(time), np.inf)
+    after = np.searchsorted(frames, np.arange(len(time)))
+    later = time[frames[np.minimum(after, len(frames) - 1)]]
+    earlier = time[frames[np.maximum(after - 1, 0)]]
+    nearest: Floats = np.minimum(np.abs(later - time), np.abs(time - earlier))
+    return np.where(standing, 0.0, nearest)
+
+
+def fly(
+    sole: Sole,
+    motion: SoleMotion,
+    track: Track,
+    footings: Sequence[Footing],
+    grounded: Bools,
+    time: Floats,
+    floor: float,
+    height: float,
+    settings: ContactSettings,
+) -> Track:
+    """Blend the corrections of the stances before and after over each flight, eq. (9).
+
+    Before the first stance and after the last one its own correction holds. ``grounded`` (T,)
+    tells whether any body stands: a flight during which none does is a hop of the whole
+    character and rises like a thrown stone; otherwise it is the swing of a foot.
+    """
+    if not footings:
+        return track
+    centre, rotation = track.centre.copy(), track.rotation.copy()
+    ends = [None, *footings, None]
+    for before, after in pairwise(ends):
+        first = before.last + 1 if before else 0
+        last = after.first - 1 if after else len(time) - 1
+        if last < first:
+            continue
+        inner = slice(first, last + 1)
+        t0 = float(time[before.last]) if before else float(time[first])
+        t1 = float(time[after.first]) if after else float(time[last])
+        share = (time[inner] - t0) / max(t1 - t0, 1e-9)
+        start = _correction(sole, motion, track, before.last) if before else None
+        end = _correction(sole, motion, track, after.first) if after else None
+        shift, yaw, tilt = _blended(start, end, share)
+        centre[inner] += shift
+        if len(sole.local) > 1:
+            turn = kinematics.quat_multiply(kinematics.rotvec_to_quat(tilt), yaw_quat(yaw))
+            rotation[inner] = kinematics.quat_to_matrix(turn) @ rotation[inner]
+        arm = np.einsum("tij,nj->tni", rotation[inner], sole.local - sole.centre)
+        low = (centre[inner, None] + arm)[..., 2].min(axis=1) - floor
+        if before and after:
+            limit = settings.swing_height if grounded[inner].any() else settings.hop_height
+            rise = min(settings.gravity * (t1 - t0) ** 2 / 8.0, limit * height)
+            centre[inner, 2] += _raised(low, 4.0 * rise * share * (1.0 - share)) - low
+        else:
+            # Smoothly no lower than the floor, exactly untouched next to the stance.
+            ramp = np.minimum(np.abs(time[inner] - (t0 if before else t1)) / 0.2, 1.0)
+            soft = 0.02 * height * ramp
+            centre[inner, 2] += 0.5 * (low + np.sqrt(low * low + soft * soft)) - low
+    return Track(centre, rotation, track.target, track.planted, track.away)
+
+
+def _raised(low: Floats, arc: Floats) -> Floats:
+    """A smooth maximum of the path's height and the arc; equal to both where they are zero."""
+    soft = 0.2 * arc
+    return 0.5 * (low + arc + np.sqrt((low - arc) ** 2 + soft * soft))
+
+
+_Correction = tuple[Floats, float, Floats]
+
+
+def _correction(sole: Sole, motion: SoleMotion, track: Track, frame: int) -> _Correction:
+    """What takes the motion to the track at a frame: shift (3,), yaw, world tilt vector (3,)."""
+    there = kinematics.matrix_to_quat(track.rotation[frame] @ sole.flat.T)
+    yaw = 2.0 * float(np.arctan2(there[3], there[0])) - float(motion.yaw[frame])
+    yaw = float((yaw + np.pi) % (2.0 * np.pi) - np.pi)
+    turned = kinematics.quat_to_matrix(yaw_quat(np.array(yaw))) @ motion.rotation[frame]
+    rest = kinematics.matrix_to_quat(track.rotation[frame] @ turned.T)
+    return track.centre[frame] - motion.centre[frame], yaw, kinematics.quat_to_rotvec(rest)
+
+
+def _blended(
+    start: _Correction | None, end: _Correction | None, share: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Corrections over a flight; ``share`` of its time is 0 at the start and 1 at the end."""
+    if start is None:
+        start = end
+    if end is None:
+        end = start
+    assert start is not None
+    assert end is not None
+    weight = share * share * (3.0 - 2.0 * share)  # Yamane 2010, eq. (9)
+    turn = (end[1] - start[1] + np.pi) % (2.0 * np.pi) - np.pi
+    shift = start[0] + weight[:, None] * (end[0] - start[0])
+    tilt = start[2] + weight[:, None] * (end[2] - start[2])
+    return shift, start[1] + weight * turn, tilt
