@@ -134,19 +134,22 @@ def _rotation(name: str, values: Floats, path: str | Path) -> Floats:
         return np.tile(np.eye(3), (len(values), 1, 1))
     if values.shape[1] == 1:
         gap = np.isnan(values[:, 0])
-        turned = Rotation.from_euler("z", np.where(gap, 0.0, values[:, 0])).as_matrix()
+        vector = np.zeros((len(values), 3))
+        vector[:, 2] = np.where(gap, 0.0, values[:, 0])
+        turned: Floats = Rotation.from_rotvec(vector).as_matrix()
         turned[gap] = np.nan
         return turned
     length = np.linalg.norm(values, axis=1)
-    wrong = np.abs(length - 1) > 0.1
+    # Interpolated by components, quaternions shrink (humanoid3d_kick falls to 0.78).
+    wrong = (length < 0.5) | (length > 2.0)
     if wrong.any():
         raise InputError(
-            f"The quaternion of {name} is not of unit length.",
+            f"The quaternion of {name} is far from unit length.",
             path=path,
             frame=int(np.argmax(wrong)),
         )
     gap = np.isnan(length)
     quat = np.where(gap[:, None], np.array([1.0, 0, 0, 0]), values)
-    matrix = Rotation.from_quat(quat, scalar_first=True).as_matrix()
+    matrix: Floats = Rotation.from_quat(quat, scalar_first=True).as_matrix()
     matrix[gap] = np.nan
     return matrix

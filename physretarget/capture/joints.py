@@ -1,0 +1,299 @@
+"""An actor fitted to a skeleton's joints: bone lengths, floor, and the pose of every frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physretarget.capture.actor import (
+    PARENTS,
+    SEGMENT,
+    SEGMENTS,
+    ActorMotion,
+    ActorShape,
+)
+from physretarget.capture.calibration import Calibrated, calibrate, hinge
+from physretarget.capture.gaps import repair
+from physretarget.capture.measure import Measured, measure, unit
+from physretarget.capture.recording import Floats, JointRecording
+from physretarget.kinematics import continuous, forward, matrix_to_quat
+
+Bools = NDArray[np.bool_]
+
+MASS = 70.0  # kg, where nobody tells the actor's
+_LEG_SHARE = 0.245 + 0.246  # thigh + shank over stature (Winter 2009, fig. 4.1)
+# Heights of joint centres over the floor while the foot stands, in shares of stature; outside
+# these the file's floor or its foot is not what it seems.
+_TOE_HEIGHT = (-0.012, 0.035)
+_TOE_TYPICAL = 0.014
+_ANKLE_HEIGHT = (0.02, 0.085)
+_FLOOR = 0.01  # m: a floor this near to z = 0 is left where it is
+
+
+def fit_joints(recording: JointRecording, *, mass: float | None = None) -> ActorMotion:
+    """Fit the actor to a joint recording.
+
+    Bone lengths are the medians of the measured ones, joint rotations those of the file's joints
+    after one constant calibration per segment, and the floor is brought to z = 0. ``mass`` in kg,
+    70 unless told. Raises InputError if hips or legs are not recognised.
+    """
+    path = recording.source.path
+    measured, valid, gap_notes = repair(measure(recording), path)
+    notes = [*recording.notes, *gap_notes]
+    calibrated = calibrate(measured)
+    if _mirrored(measured, calibrated):
+        measured, valid, _ = repair(measure(recording, swapped=True), path)
+        calibrated = calibrate(measured)
+        notes.append("left and right were exchanged: as labelled, knees and toes point backward")
+    notes += [*measured.notes, *calibrated.notes]
+    size = _stature(measured)
+    floor, floor_note = _floor(measured, calibrated, size)
+    notes += floor_note
+    turn = _all_turns(calibrated)
+    shape = _shape(measured, calibrated, turn, size, floor, mass or MASS, recording.source.name)
+    root = measured.centre["pelvis"] - np.array([0.0, 0.0, floor])
+    qpos = _pose(turn, root)
+    return ActorMotion(
+        shape=shape,
+        time=recording.time,
+        qpos=qpos,
+        fps=recording.source.fps,
+        valid=valid,
+        marker_error_rms=_error(shape, qpos, measured, valid, floor),
+        source=recording.source,
+        notes=tuple(notes),
+    )
+
+
+def _mirrored(measured: Measured, calibrated: Calibrated) -> bool:
+    """Whether knees bend forward and toes point backward: left and right are mislabelled."""
+    pelvis = calibrated.turn["pelvis"]
+    knees, bent, toes = 0.0, 0.0, 0.0
+    for side in ("left", "right"):
+        leg = (f"{side}_thigh", f"{side}_shank", f"{side}_foot")
+        angle, axis = hinge(measured, leg)
+        weight = np.where(angle > np.radians(15), np.sin(angle), 0.0)
+        knees += float(weight @ np.sum(axis * pelvis[:, :, 1], axis=1))
+        bent += float(weight.sum())
+        if leg[2] in measured.end:
+            way = unit(measured.end[leg[2]] - measured.centre[leg[2]])
+            shank = calibrated.turn[leg[1]]
+            ahead = np.cross(pelvis[:, :, 1], shank[:, :, 2])
+            toes += float(np.mean(np.sum(way * ahead, axis=1)))
+    backward_toes = toes < -0.4
+    return bool(backward_toes and (bent < 1.0 or knees < -0.3 * bent))
+
+
+def _stature(measured: Measured) -> float:
+    """Body height (m) from the legs."""
+    bones = []
+    for side in ("left", "right"):
+        chain = [measured.centre[f"{side}_{part}"] for part in ("thigh", "shank", "foot")]
+        bones.append(sum(_distance(a, b) for a, b in pairwise(chain)))
+    return float(np.mean(bones)) / _LEG_SHARE
+
+
+def _distance(a: Floats, b: Floats) -> float:
+    return float(np.median(np.linalg.norm(a - b, axis=1)))
+
+
+# ------------------------------------------------------------------------------------ floor
+
+
+def _standing_height(measured: Measured, stance: dict[str, Bools], which: str) -> float:
+    """Height (m, file's floor) of ankles or toes while their foot stands; lower side counts."""
+    heights = []
+    for side in ("left", "right"):
+        ankle = measured.centre[f"{side}_foot"]
+        point = measured.end.get(f"{side}_foot", ankle) if which == "toe" else ankle
+        standing = stance[side]
+        if standing.any():
+            heights.append(float(np.median(point[standing, 2])))
+        else:
+            heights.append(float(np.quantile(point[:, 2], 0.02)))
+    return min(heights)
+
+
+def _floor(
+    measured: Measured, calibrated: Calibrated, size: float
+) -> tuple[float, tuple[str, ...]]:
+    """The floor's height in the file's world (m), and a sentence if it is not zero."""
+    has_toes = all(f"{side}_foot" in measured.end for side in ("left", "right"))
+    if has_toes:
+        low = _standing_height(measured, calibrated.stance, "toe")
+        if _TOE_HEIGHT[0] * size <= low <= _TOE_HEIGHT[1] * size:
+            return 0.0, ()
+        floor = low - _TOE_TYPICAL * size
+    else:
+        low = _standing_height(measured, calibrated.stance, "ankle")
+        if _ANKLE_HEIGHT[0] * size <= low <= _ANKLE_HEIGHT[1] * size:
+            return 0.0, ()
+        floor = low - 0.039 * size
+    if abs(floor) <= _FLOOR:
+        return 0.0, ()
+    return floor, (f"the floor was found at {floor:.3f} m and shifted to zero",)
+
+
+# ------------------------------------------------------------------------------------ shape
+
+
+def _all_turns(calibrated: Calibrated) -> Floats:
+    """World rotations (T, 18, 3, 3); segments that the file doesn't move stay with the parent."""
+    pelvis = calibrated.turn["pelvis"]
+    turns = np.empty((len(pelvis), len(SEGMENTS), 3, 3))
+    for i, (segment, parent) in enumerate(zip(SEGMENTS, PARENTS, strict=True)):
+        moved = calibrated.turn.get(segment)
+        turns[:, i] = moved if moved is not None else turns[:, parent]
+    return turns
+
+
+def _in(turn: Floats, vector: Floats) -> Floats:
+    """Median of world vectors (T, 3) in the frames ``turn`` (T, 3, 3)."""
+    return np.asarray(np.median(np.einsum("tji,tj->ti", turn, vector), axis=0))
+
+
+def _shape(
+    measured: Measured,
+    calibrated: Calibrated,
+    turn: Floats,
+    size: float,
+    floor: float,
+    mass: float,
+    name: str,
+) -> ActorShape:
+    """Bone offsets from the file; what it doesn't have from the reference at the same stature."""
+    reference = ActorShape.reference(size, mass)
+    offset, tip = reference.offset.copy(), reference.tip.copy()
+    builder = _Offsets(measured, turn, offset)
+    builder.trunk()
+    for side in ("left", "right"):
+        builder.limb(side, ("thigh", "shank", "foot"), "pelvis")
+        builder.limb(side, ("clavicle", "upper_arm", "forearm", "hand"), "chest")
+        builder.end(f"{side}_hand", tip)
+    builder.end("head", tip)
+    heel = reference.heel.copy()
+    for i, side in enumerate(("left", "right")):
+        _sole(measured, calibrated, turn, side, floor, size, tip, heel[i])
+    return ActorShape.standing(name, mass, offset, tip, heel)
+
+
+@dataclass(frozen=True, eq=False)
+class _Offsets:
+    """Fills joint offsets (18, 3) and tips in place from the measured centres."""
+
+    measured: Measured
+    turn: Floats
+    offset: Floats
+
+    def trunk(self) -> None:
+        """Abdomen, chest and head; a joint that the file lacks stays on the way of the others."""
+        centre, known = self.measured.centre, "pelvis"
+        pending: list[str] = []
+        for segment in ("abdomen", "chest", "head"):
+            if segment not in centre:
+                pending.append(segment)
+                continue
+            # Segments without a joint of their own move with ``known``: one rigid piece.
+            way = _in(self.turn[:, SEGMENT[known]], centre[segment] - centre[known])
+            pieces = [*pending, segment]
+            shares = np.array([self.offset[SEGMENT[s], 2] for s in pieces])
+            for piece, share in zip(pieces, shares / shares.sum(), strict=True):
+                self.offset[SEGMENT[piece]] = share * way
+            pending, known = [], segment
+
+    def limb(self, side: str, parts: tuple[str, ...], root: str) -> None:
+        """One arm or leg, from the trunk outward; a missing clavicle keeps the reference's."""
+        centre = self.measured.centre
+        carrier = next(
+            (
+                s
+                for s in ((root, "abdomen", "pelvis") if root == "chest" else (root,))
+                if s in centre
+            ),
+            "pelvis",
+        )
+        known, passed = carrier, self._between(carrier, root)
+        for part in parts:
+            segment = f"{side}_{part}"
+            if segment not in centre:
+                if part != "clavicle":
+                    return
+                passed = passed + self.offset[SEGMENT[segment]]
+                continue
+            parent = PARENTS[SEGMENT[segment]]
+            way = _in(self.turn[:, parent], centre[segment] - centre[known])
+            self.offset[SEGMENT[segment]] = way - passed
+            known, passed = segment, np.zeros(3)
+
+    def _between(self, carrier: str, root: str) -> Floats:
+        """From the carrier's joint to the root segment's, which moves rigidly with it."""
+        total, segment = np.zeros(3), SEGMENT[root]
+        while SEGMENTS[segment] != carrier:
+            total = total + self.offset[segment]
+            segment = PARENTS[segment]
+        return total
+
+    def end(self, segment: str, tip: Floats) -> None:
+        """The tip of a head or hand where the file marks it plausibly."""
+        if segment in self.measured.end and segment in self.measured.centre:
+            way = self.measured.end[segment] - self.measured.centre[segment]
+            local = _in(self.turn[:, SEGMENT[segment]], way)
+            usual = float(np.linalg.norm(tip[SEGMENT[segment]]))
+            if 0.6 * usual <= np.linalg.norm(local) <= 1.5 * usual:
+                tip[SEGMENT[segment]] = local
+
+
+def _sole(
+    measured: Measured,
+    calibrated: Calibrated,
+    turn: Floats,
+    side: str,
+    floor: float,
+    size: float,
+    tip: Floats,
+    heel: Floats,
+) -> None:
+    """Ball of the toes and heel on the sole, in place; the sole touches the floor in stance."""
+    foot = f"{side}_foot"
+    ankle = measured.centre[foot][:, 2] - floor
+    standing = calibrated.stance[side]
+    height = float(np.median(ankle[standing])) if standing.any() else float(ankle.min())
+    low, high = _ANKLE_HEIGHT
+    if low * size <= height <= high * size:
+        tip[SEGMENT[foot], 2] = heel[2] = -height
+    if foot not in measured.end:
+        return
+    way = _in(turn[:, SEGMENT[foot]], measured.end[foot] - measured.centre[foot])
+    if 0.04 * size <= way[0] <= 0.15 * size:
+        heel[0] *= way[0] / tip[SEGMENT[foot], 0]
+        tip[SEGMENT[foot], :2] = way[:2]
+
+
+# ------------------------------------------------------------------------------------- pose
+
+
+def _pose(turn: Floats, root: Floats) -> Floats:
+    """qpos (T, 75) from world rotations (T, 18, 3, 3) and the pelvis' path (T, 3)."""
+    local = turn.copy()
+    for i, parent in enumerate(PARENTS):
+        if parent >= 0:
+            local[:, i] = np.swapaxes(turn[:, parent], 1, 2) @ turn[:, i]
+    quats = continuous(matrix_to_quat(local))
+    return np.concatenate([root, quats.reshape(len(root), -1)], axis=1)
+
+
+def _error(
+    shape: ActorShape, qpos: Floats, measured: Measured, valid: Bools, floor: float
+) -> float:
+    """RMS distance (m) of the actor's joint centres from the file's, over valid frames."""
+    if not valid.any():
+        return float("nan")
+    position = forward(shape.tree(), qpos[valid]).position
+    square = [
+        np.sum((position[:, SEGMENT[s] + 1] - (centre[valid] - [0.0, 0.0, floor])) ** 2, axis=1)
+        for s, centre in measured.centre.items()
+    ]
+    return float(np.sqrt(np.mean(square)))
