@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import io
 import json
 import os
-import tempfile
-import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,13 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from physretarget.clip.npz import npz_bytes, write_file
 from physretarget.errors import InputError
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
-
-# The oldest date a zip archive can carry: same inputs, same bytes.
-_ZIP_DATE = (1980, 1, 1, 0, 0, 0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -80,31 +75,11 @@ class Clip:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the clip: written beside its place, then renamed, so never half there."""
-        target = Path(path)
-        try:
-            handle, beside = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
-        except OSError as error:
-            raise InputError(f"cannot be written: {error.strerror}.", path=target) from error
-        try:
-            with os.fdopen(handle, "wb") as file:
-                file.write(self.to_bytes())
-            os.chmod(beside, 0o644)
-            os.replace(beside, target)
-        except BaseException:
-            Path(beside).unlink(missing_ok=True)
-            raise
+        write_file(path, self.to_bytes())
 
     def to_bytes(self) -> bytes:
         """The bytes of the clip file: members sorted by name, dates fixed."""
-        content = io.BytesIO()
-        with zipfile.ZipFile(content, "w", zipfile.ZIP_STORED) as archive:
-            for name, array in sorted(self._arrays().items()):
-                member = io.BytesIO()
-                np.lib.format.write_array(member, array, version=(1, 0), allow_pickle=False)
-                entry = zipfile.ZipInfo(f"{name}.npy", date_time=_ZIP_DATE)
-                entry.external_attr = 0o644 << 16
-                archive.writestr(entry, member.getvalue())
-        return content.getvalue()
+        return npz_bytes(self._arrays())
 
     def _arrays(self) -> dict[str, NDArray[Any]]:
         meta = json.dumps(dict(self.meta), sort_keys=True, ensure_ascii=True, allow_nan=False)
