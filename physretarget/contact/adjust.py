@@ -226,7 +226,8 @@ def _yaw_shift(foot: _Foot) -> Floats:
     change = foot.track.rotation @ np.swapaxes(foot.motion.rotation, 1, 2)
     quat = kinematics.continuous(kinematics.matrix_to_quat(change))
     shift: Floats = np.unwrap(2.0 * np.arctan2(quat[:, 3], quat[:, 0]))
-    return shift - 2.0 * np.pi * np.round(shift[0] / (2.0 * np.pi))
+    shift -= 2.0 * np.pi * np.round(shift[0] / (2.0 * np.pi))
+    return shift
 
 
 def _off_track(character: Character, qpos: Floats, feet: list[_Foot]) -> float:

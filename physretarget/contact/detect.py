@@ -39,7 +39,7 @@ class DetectionSettings:
     height_on: float = 0.04
     height_off: float = 0.07
     speed_on: float = 0.4
-    speed_off: float = 0.75
+    speed_off: float = 1.0
     min_phase: float = 0.07
     min_pause: float = 0.07
     lowpass_hz: float = 12.0
@@ -75,6 +75,8 @@ def detect(
     settings = settings or DetectionSettings()
     if len(time) < 4:
         return np.zeros(position.shape[:2], dtype=bool)
+    known = np.isfinite(position).all(axis=-1)
+    position = _filled(position, known, time)
     step = float(np.median(np.diff(time)))
     smooth = _lowpassed(position, 1.0 / step, settings.lowpass_hz)
     speed = np.linalg.norm(np.gradient(smooth, time, axis=0), axis=-1)
@@ -86,7 +88,22 @@ def detect(
     found = np.zeros_like(on)
     for k in range(on.shape[1]):
         found[:, k] = _steadied(on[:, k], hold[:, k], time, step, settings)
-    return found
+    return found & known
+
+
+def _filled(position: Floats, known: Bools, time: Floats) -> Floats:
+    """Gaps bridged by straight lines, so that the filter passes; a point never seen is far off."""
+    if known.all():
+        return position
+    filled = position.copy()
+    for k in range(position.shape[1]):
+        seen = known[:, k]
+        for axis in range(3):
+            if seen.any():
+                filled[:, k, axis] = np.interp(time, time[seen], position[seen, k, axis])
+            else:
+                filled[:, k, axis] = 1e3
+    return filled
 
 
 def rest_heights(
@@ -103,7 +120,10 @@ def rest_heights(
     is near the lowest one of all. Other points rest on the floor.
     """
     feet = [k for k, name in enumerate(names) if name in FEET]
-    own = {k: float(np.quantile(height[slow[:, k], k], 0.1)) for k in feet if slow[:, k].sum() >= 5}
+    own: dict[int, float] = {}
+    for k in feet:
+        if slow[:, k].sum() >= 5:
+            own[k] = float(np.quantile(height[slow[:, k], k], 0.1))
     floor = settings.floor_m
     if floor is None:
         floor = min(own.values(), default=float(height.min()))

@@ -57,6 +57,11 @@ class Phases:
         ]
 
 
+def any_point(active: Bools) -> Bools:
+    """(T,) whether any of n points (T, n) is planted."""
+    return np.asarray(active.any(axis=1), dtype=np.bool_)
+
+
 def runs(mask: Bools) -> list[tuple[int, int]]:
     """First and last index of every run of True, in order."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(np.int8)))

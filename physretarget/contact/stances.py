@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from physretarget.contact.phases import runs
+from physretarget.contact.phases import any_point, runs
 from physretarget.contact.settings import ContactSettings
 from physretarget.contact.sole import Sole
 
@@ -65,13 +65,10 @@ def find_footings(
     ``active`` (T, n) the timetable of its points; ``place`` (T, 3) x, y and heading of the
     sole before the adjustment; ``height`` of the character, m.
     """
-    phases = [
-        (first, last, side)
-        for side in dict.fromkeys(sole.sides)
-        for first, last in runs(
-            np.any(active[:, [s == side for s in sole.sides]], axis=1, keepdims=False)
-        )
-    ]
+    phases: list[tuple[int, int, str]] = []
+    for side in dict.fromkeys(sole.sides):
+        mine = np.array([s == side for s in sole.sides])
+        phases += [(*run, side) for run in runs(any_point(active[:, mine]))]
     merged: list[Footing] = []
     for first, last, side in sorted(phases, key=lambda p: (p[0], -p[1], p[2])):
         new = _footing(first, last, ((first, last, side),), place, time)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget import kinematics
+from physretarget.contact.phases import any_point
 from physretarget.contact.settings import ContactSettings
 from physretarget.contact.sole import Sole, SoleMotion, allowed_tilt, rolled, yaw_quat
 from physretarget.contact.stances import Footing
@@ -43,8 +44,7 @@ class Track:
     @property
     def standing(self) -> Bools:
         """(T,) whether the body stands."""
-        standing: Bools = np.any(self.planted, axis=1, keepdims=False)
-        return standing
+        return any_point(self.planted)
 
     def points(self, sole: Sole) -> Floats:
         """(T, n, 3) where the track puts the sole's points."""
@@ -79,9 +79,7 @@ def stand(
         arm = np.einsum("tij,tj->ti", rotation[part], (sole.local - sole.centre)[pivot])
         centre[part] = print_[pivot] - arm
         target[part], planted[part] = print_, bearing
-    return Track(
-        centre, rotation, target, planted, _away(np.any(planted, axis=1, keepdims=False), time)
-    )
+    return Track(centre, rotation, target, planted, _away(any_point(planted), time))
 
 
 def _tilt_on_floor(
