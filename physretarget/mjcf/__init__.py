@@ -5,6 +5,7 @@ The only package below the stages that knows MuJoCo.
 
 from __future__ import annotations
 
+from physretarget.mjcf.actor import actor_character, actor_xml
 from physretarget.mjcf.character import Character, Points
 from physretarget.mjcf.dynamics import (
     Momentum,
@@ -20,6 +21,8 @@ __all__ = [
     "Momentum",
     "Points",
     "RootWrench",
+    "actor_character",
+    "actor_xml",
     "derivatives",
     "lowpass",
     "momentum",

@@ -73,7 +73,7 @@ def body_radius(model: mujoco.MjModel, body: int) -> float:
         if model.geom_rbound[geom] > 0  # planes have none
     ]
     if bounds:
-        return max(bounds) / 3.0**0.5
+        return float(max(bounds) / 3.0**0.5)
     mass = model.body_mass[body]
     if mass <= 0:
         return 0.0
