@@ -28,8 +28,9 @@ def motion(frames: int = 101, fps: float = 100.0) -> ActorMotion:
     time = np.arange(frames) / fps
     swing = np.sin(2 * np.pi * 0.7 * time)[:, None] * np.linspace(-0.8, 0.8, NV)
     return ActorMotion(
-        shape=REFERENCE, time=time, qpos=integrate(tree, np.tile(tree.neutral(), (frames, 1)), swing),
-        fps=fps, valid=np.ones(frames, dtype=bool), marker_error_rms=None, source=SOURCE,
+        shape=REFERENCE, time=time, source=SOURCE,
+        qpos=integrate(tree, np.tile(tree.neutral(), (frames, 1)), swing),
+        fps=fps, valid=np.ones(frames, dtype=bool), marker_error_rms=None,
     )  # fmt: skip
 
 
