@@ -285,7 +285,7 @@ def up_axis(labels: Sequence[str], position: Floats) -> str | None:
 
 def _mean_known(position: Floats) -> Floats:
     """Mean over markers (T, 3) of those that are visible; NaN where none is."""
-    known = np.isfinite(position).all(axis=-1)
+    known = np.asarray(np.isfinite(position).all(axis=-1))
     count = known.sum(axis=1)[:, None]
     total = np.where(known[..., None], position, 0.0).sum(axis=1)
     mean: Floats = np.where(count > 0, total / np.maximum(count, 1), np.nan)

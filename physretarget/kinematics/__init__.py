@@ -17,6 +17,7 @@ from physretarget.kinematics.rotations import (
     quat_rotate,
     quat_to_matrix,
     quat_to_rotvec,
+    rotvec_slope,
     rotvec_to_quat,
     slerp,
 )
@@ -50,6 +51,7 @@ __all__ = [
     "quat_rotate",
     "quat_to_matrix",
     "quat_to_rotvec",
+    "rotvec_slope",
     "rotvec_to_quat",
     "slerp",
     "solve",

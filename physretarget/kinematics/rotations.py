@@ -117,6 +117,23 @@ def quat_to_rotvec(quat: Floats) -> Floats:
     return scale * quat[..., 1:]
 
 
+def rotvec_slope(rotvec: Floats) -> Floats:
+    """Derivatives (..., 3, 3) of a rotation vector by a small further turn in its own frame.
+
+    The inverse of the right Jacobian of SO(3) (Chirikjian 2012, vol. 2, eq. 10.86).
+    """
+    angle = np.linalg.norm(rotvec, axis=-1)
+    small = angle < 1e-4
+    safe = np.where(small, 1.0, angle)
+    factor = np.where(small, 1 / 12, 1 / safe**2 - 1 / (2 * safe * np.tan(safe / 2)))
+    x, y, z = (rotvec[..., i] for i in range(3))
+    zero = np.zeros_like(x)
+    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1)
+    cross = cross.reshape(*rotvec.shape, 3)
+    slope: Floats = np.eye(3) + 0.5 * cross + factor[..., None, None] * (cross @ cross)
+    return slope
+
+
 def continuous(quat: Floats) -> Floats:
     """Quaternions (T, ..., 4) with signs chosen so that no frame flips against the last one."""
     dots = np.sum(quat[1:] * quat[:-1], axis=-1)

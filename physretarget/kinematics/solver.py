@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget.errors import UsageError
-from physretarget.kinematics.rotations import Floats
+from physretarget.kinematics.rotations import Floats, rotvec_slope
 from physretarget.kinematics.tree import (
     Ints,
     Pose,
@@ -219,11 +219,7 @@ def _step(problem: _Problem, qpos: Floats, pose: Pose, error: Floats, strength: 
     """One damped Gauss–Newton step (T, nv), zero along locked dofs and against bounds."""
     matrix, gradient = normal_equations(problem.tree, qpos, pose, problem, error)
     if problem.prior_weight.any():
-        away = difference(problem.tree, problem.prior, qpos)
-        # The gradient of the squared rotation vector is the vector itself: log(q) is an
-        # eigenvector of the right Jacobian.
-        gradient += problem.prior_weight * away
-        matrix += np.diag(problem.prior_weight)
+        _add_prior(problem, qpos, matrix, gradient)
     diagonal = np.einsum("tii->ti", matrix)
     # Degrees of freedom that no point sees have a zero diagonal; the floor holds them.
     floor = 1e-3 * diagonal.max(axis=1, keepdims=True) + 1e-12
@@ -234,6 +230,21 @@ def _step(problem: _Problem, qpos: Floats, pose: Pose, error: Floats, strength: 
     np.einsum("tii->ti", matrix)[fixed] = 1.0
     step = np.linalg.solve(matrix, np.where(fixed, 0.0, -gradient)[..., None])
     return np.asarray(step[..., 0], dtype=np.float64)
+
+
+def _add_prior(problem: _Problem, qpos: Floats, matrix: Floats, gradient: Floats) -> None:
+    """Add slope and Gauss–Newton curvature of ``weight/2 · difference²`` in place."""
+    weight = problem.prior_weight
+    away = difference(problem.tree, problem.prior, qpos)
+    dof = problem.tree.scalars[1]
+    gradient[:, dof] += weight[dof] * away[:, dof]
+    matrix[:, dof, dof] += weight[dof]
+    turns = problem.tree.quats[1]
+    slope = rotvec_slope(away[:, turns])  # (T, n, 3, 3)
+    weighted = weight[turns][..., None] * slope
+    gradient[:, turns] += np.einsum("tnji,tnj->tni", weighted, away[:, turns])
+    rows, columns = turns[:, :, None], turns[:, None, :]
+    matrix[:, rows, columns] += np.swapaxes(slope, -1, -2) @ weighted
 
 
 def normal_equations(

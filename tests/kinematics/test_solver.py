@@ -15,7 +15,7 @@ from physretarget.kinematics import (
     points,
     solve,
 )
-from physretarget.kinematics.solver import _problem, normal_equations
+from physretarget.kinematics.solver import _add_prior, _problem, normal_equations
 
 
 def arm(free: bool = True) -> Tree:
@@ -122,6 +122,24 @@ def test_prior_pulls_towards_itself():
     some = [PointTargets(BODY, LOCAL, target)]
     stiff = solve(TREE, TREE.neutral(), some, prior=prior, prior_weight=1e6)
     np.testing.assert_allclose(difference(TREE, prior, stiff.qpos), 0, atol=1e-4)
+
+
+def test_uneven_priors_have_the_right_slope():
+    qpos, prior = motion(6, scale=1.0), motion(6, scale=1.0, seed=4)
+    weight = np.random.default_rng(1).random(TREE.nv)
+    none = PointTargets(BODY, LOCAL, np.full((6, 20, 3), np.nan))
+    problem = _problem(TREE, qpos, [none], None, None, None, prior, weight)
+    matrix, gradient = np.zeros((6, TREE.nv, TREE.nv)), np.zeros((6, TREE.nv))
+    _add_prior(problem, qpos, matrix, gradient)
+    h = 1e-6
+    for dof in range(TREE.nv):
+        step = np.zeros((6, TREE.nv))
+        step[:, dof] = h
+        cost = [
+            problem.cost(q, np.zeros((6, 20, 3)))
+            for q in (integrate(TREE, qpos, step), integrate(TREE, qpos, -step))
+        ]
+        np.testing.assert_allclose(gradient[:, dof], (cost[0] - cost[1]) / (2 * h), atol=1e-7)
 
 
 def test_no_targets_is_an_error():
