@@ -29,7 +29,8 @@ class DetectionSettings:
     """Thresholds for a leg of 0.9 m.
 
     A point is planted from ``height_on`` (m over its rest height) and ``speed_on`` (m/s)
-    down, and stays so up to ``height_off`` and ``speed_off``. Pauses shorter than
+    down, and stays so up to ``height_off`` and ``speed_off``; below ``height_on`` it may even
+    slide at ``speed_slide``, since feet do in many captures. Pauses shorter than
     ``min_pause`` s are closed, then phases shorter than ``min_phase`` s dropped. Positions
     are low-passed at ``lowpass_hz`` before speeds are taken. ``points`` to look at;
     ``floor_m`` the height of the floor, found from the feet if None; ``rest_spread`` how far
@@ -38,8 +39,9 @@ class DetectionSettings:
 
     height_on: float = 0.04
     height_off: float = 0.07
-    speed_on: float = 0.4
+    speed_on: float = 0.6
     speed_off: float = 1.0
+    speed_slide: float = 1.2
     min_phase: float = 0.07
     min_pause: float = 0.07
     lowpass_hz: float = 12.0
@@ -80,11 +82,13 @@ def detect(
     step = float(np.median(np.diff(time)))
     smooth = _lowpassed(position, 1.0 / step, settings.lowpass_hz)
     speed = np.linalg.norm(np.gradient(smooth, time, axis=0), axis=-1)
-    # Speeds scale like the square root of a length (Froude), so that a child runs as well.
-    speed_on, speed_off = settings.speed_on * scale**0.5, settings.speed_off * scale**0.5
-    height = smooth[..., 2] - rest_heights(smooth[..., 2], speed < speed_on, names, scale, settings)
-    on = (height < settings.height_on * scale) & (speed < speed_on)
-    hold = (height < settings.height_off * scale) & (speed < speed_off)
+    speed = speed / scale**0.5  # Froude: speeds scale like the square root of a length
+    rest = rest_heights(smooth[..., 2], speed < settings.speed_off, names, scale, settings)
+    height = (smooth[..., 2] - rest) / scale
+    low = height < settings.height_on
+    on = low & (speed < settings.speed_on)
+    hold = (height < settings.height_off) & (speed < settings.speed_off)
+    hold |= low & (speed < settings.speed_slide)
     found = np.zeros_like(on)
     for k in range(on.shape[1]):
         found[:, k] = _steadied(on[:, k], hold[:, k], time, step, settings)
@@ -122,11 +126,11 @@ def rest_heights(
     feet = [k for k, name in enumerate(names) if name in FEET]
     own: dict[int, float] = {}
     for k in feet:
-        if slow[:, k].sum() >= 5:
+        if slow[:, k].sum() >= 3:
             own[k] = float(np.quantile(height[slow[:, k], k], 0.1))
     floor = settings.floor_m
     if floor is None:
-        floor = min(own.values(), default=float(height.min()))
+        floor = min(own.values(), default=float(np.quantile(height[:, feet or slice(None)], 0.1)))
     rest = np.full(len(names), floor)
     for k, value in own.items():
         if abs(value - floor) < settings.rest_spread * scale:
