@@ -1,0 +1,317 @@
+"""From optical markers to an actor's motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+from physretarget.capture.actor import (
+    CONTACT_POINTS,
+    SEGMENT,
+    SEGMENTS,
+    ActorMotion,
+    ActorShape,
+)
+from physretarget.capture.marker_fit import estimate_height, fit_model, resized
+from physretarget.capture.marker_model import (
+    Bools,
+    Floats,
+    Ints,
+    MarkerModel,
+    first_poses,
+    fit_poses,
+)
+from physretarget.capture.marker_sets import CLUSTER, KNOWN_SETS, SKIN, recognise
+from physretarget.capture.recording import MarkerRecording
+from physretarget.errors import InputError
+from physretarget.kinematics import continuous, forward, points, slerp
+
+_LIMBS = {
+    "trunk": ("pelvis", "chest"),
+    **{
+        f"{side} {limb}": tuple(f"{side}_{part}" for part in parts)
+        for side in ("left", "right")
+        for limb, parts in (
+            ("arm", ("upper_arm", "forearm", "hand")),
+            ("leg", ("thigh", "shank", "foot")),
+        )
+    },
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class MarkerSettings:
+    """How markers are fitted.
+
+    ``longest_gap``: seconds of a gap that are interpolated; ``fit_frames``: frames that shape
+    and marker seats are solved on; ``coarse``: rate (Hz) at which poses are found on their
+    own, before the frames between start from them; ``outlier``: metres beyond which a marker
+    is taken for a wrong one and left out of that frame; ``fewest``: labels that must be known.
+    """
+
+    longest_gap: float = 0.2
+    fit_frames: int = 60
+    coarse: float = 15.0
+    outlier: float = 0.12
+    fewest: int = 8
+
+
+def fit_markers(
+    recording: MarkerRecording,
+    *,
+    mass: float | None = None,
+    settings: MarkerSettings | None = None,
+) -> ActorMotion:
+    """Fit an actor to a marker recording and give its motion, standing on z = 0.
+
+    ``mass`` in kg; by default that of the reference actor, scaled by height squared. Frames
+    in which trunk or a limb shows too few markers are not ``valid``; their pose is
+    interpolated. Raises InputError where the labels are of no known marker set.
+    """
+    told = settings or MarkerSettings()
+    fps = recording.source.fps
+    notes = list(recording.notes)
+    model, columns = _worn(recording, told, notes)
+    position = _short_gaps_filled(recording.position[:, columns], told.longest_gap * fps, notes)
+    valid = _supported(model, position)
+    if not valid.any():
+        raise InputError("no frame shows enough markers for a pose", path=recording.source.path)
+    height = estimate_height(model, position)
+    chosen = _spread(position, valid, told.fit_frames)
+    expected = resized(model, height)
+    model = fit_model(expected, position[chosen])
+    qpos, residual = _all_poses(model, position, valid, fps, told, notes)
+    qpos = _bridged(qpos, valid)
+    shape, qpos = _on_floor(_with_feet(model, expected.local[:, 0]), qpos, valid, fps, notes)
+    shape = _named(shape, recording, mass, notes)
+    if not valid.all():
+        notes.append(
+            f"{int((~valid).sum())} of {len(valid)} frames show too few markers and are excluded"
+        )
+    used = residual[valid]
+    return ActorMotion(
+        shape=shape,
+        time=recording.time,
+        qpos=qpos,
+        fps=fps,
+        valid=valid,
+        marker_error_rms=float(np.sqrt(np.nanmean(used**2))),
+        source=recording.source,
+        notes=tuple(notes),
+    )
+
+
+def _worn(
+    recording: MarkerRecording, told: MarkerSettings, notes: list[str]
+) -> tuple[MarkerModel, Ints]:
+    """The reference actor with the recording's known markers, and their columns."""
+    landmarks = recognise(recording.labels)
+    seen = np.isfinite(recording.position).all(axis=-1).mean(axis=0) > 0.02
+    columns = np.array(
+        [i for i, mark in enumerate(landmarks) if mark is not None and seen[i]], dtype=np.int64
+    )
+    unknown = [
+        label for label, mark in zip(recording.labels, landmarks, strict=True) if mark is None
+    ]
+    known = [mark for i in columns if (mark := landmarks[i]) is not None]
+    on = [SEGMENTS[mark.segment] for mark in known]
+    if len(known) < told.fewest or max(on.count("pelvis"), on.count("chest")) < 3:
+        listed = ", ".join(unknown[:40]) + (" …" if len(unknown) > 40 else "")
+        raise InputError(
+            f"only {len(known)} labels are known ({on.count('pelvis')} on the pelvis, "
+            f"{on.count('chest')} on the chest; three on one of them and {told.fewest} in all "
+            f"are needed); unknown: {listed or 'none'}; known sets: {KNOWN_SETS}",
+            path=recording.source.path,
+        )
+    if unknown:
+        listed = ", ".join(unknown[:20]) + (" …" if len(unknown) > 20 else "")
+        notes.append(f"{len(unknown)} labels are not known and were left out: {listed}")
+    spread = np.array([mark.spread for mark in known])
+    weight = np.where(spread >= CLUSTER, 0.5, np.where(spread >= SKIN, 0.7, 1.0))
+    model = MarkerModel(
+        shape=ActorShape.reference(),
+        segment=np.array([mark.segment for mark in known], dtype=np.int64),
+        local=np.array([mark.local for mark in known]),
+        spread=spread,
+        weight=weight,
+    )
+    return model, columns
+
+
+def _runs(mask: Bools) -> list[tuple[int, int]]:
+    """(start, stop) of every run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
+def _short_gaps_filled(position: Floats, longest: float, notes: list[str]) -> Floats:
+    """Gaps of at most ``longest`` frames between visible ones, interpolated without overshoot."""
+    filled = position.copy()
+    count, long = 0, 0
+    for k in range(position.shape[1]):
+        seen = np.asarray(np.isfinite(position[:, k]).all(axis=-1))
+        if seen.all():
+            continue
+        gaps = _runs(~seen)
+        short = [(a, b) for a, b in gaps if b - a <= longest and a > 0 and b < len(seen)]
+        long += len(gaps) - len(short)
+        if short and seen.sum() >= 2:
+            frames = np.flatnonzero(seen)
+            curve = PchipInterpolator(frames, position[frames, k])
+            for a, b in short:
+                filled[a:b, k] = curve(np.arange(a, b))
+            count += len(short)
+    if count:
+        notes.append(f"{count} short marker gaps were interpolated")
+    if long:
+        notes.append(f"{long} long marker gaps were left open: the other markers carry the pose")
+    return filled
+
+
+def _supported(model: MarkerModel, position: Floats) -> Bools:
+    """(T,) frames that show three markers of the trunk and two of every marked limb."""
+    seen = np.asarray(np.isfinite(position).all(axis=-1))
+    valid = np.ones(len(position), dtype=bool)
+    for limb, parts in _LIMBS.items():
+        on = np.isin(model.segment, [SEGMENT[part] for part in parts])
+        needed = 3 if limb == "trunk" else min(2, int(on.sum()))
+        valid &= seen[:, on].sum(axis=1) >= needed
+    return valid
+
+
+def _spread(position: Floats, valid: Bools, count: int) -> Ints:
+    """Frames evenly spread over the valid ones, preferring those that show most markers."""
+    frames = np.flatnonzero(valid)
+    shown = np.isfinite(position[frames]).all(axis=-1).sum(axis=1)
+    parts = np.array_split(np.arange(len(frames)), min(count, len(frames)))
+    return np.array([frames[part[np.argmax(shown[part])]] for part in parts], dtype=np.int64)
+
+
+def _all_poses(
+    model: MarkerModel,
+    position: Floats,
+    valid: Bools,
+    fps: float,
+    told: MarkerSettings,
+    notes: list[str],
+) -> tuple[Floats, Floats]:
+    """Poses (T, 75) and marker errors (T, K): a coarse set first, the frames between from it."""
+    frames = np.flatnonzero(valid)
+    step = max(1, round(fps / told.coarse))
+    coarse = np.unique(np.concatenate([frames[::step], frames[-1:]]))
+    some = fit_poses(model, position[coarse], first_poses(model, position[coarse]))
+    start = _interpolated(coarse, some.qpos, len(position))
+    qpos = start.copy()
+    found = fit_poses(model, position[frames], start[frames])
+    qpos[frames] = found.qpos
+    residual = np.full(position.shape[:2], np.nan)
+    residual[frames] = found.residual
+    wrong = residual > told.outlier
+    if wrong.any():
+        again = np.flatnonzero(wrong.any(axis=1))
+        cleaned = np.where(wrong[again, :, None], np.nan, position[again])
+        better = fit_poses(model, cleaned, qpos[again])
+        qpos[again], residual[again] = better.qpos, better.residual
+        notes.append(
+            f"{int(wrong.sum())} marker positions more than {100 * told.outlier:.0f} cm from the "
+            f"fitted actor were left out, in {len(again)} frames"
+        )
+    return qpos, residual
+
+
+def _interpolated(known: Ints, qpos: Floats, count: int) -> Floats:
+    """qpos (count, 75) from poses at frames ``known``, held before the first and after the last."""
+    frames = np.arange(count)
+    if len(known) < 2:
+        return np.repeat(qpos, count, axis=0)
+    before = np.clip(np.searchsorted(known, frames, side="right") - 1, 0, len(known) - 2)
+    length = known[before + 1] - known[before]
+    share = np.clip((frames - known[before]) / length, 0.0, 1.0)
+    first, second = qpos[before], qpos[before + 1]
+    place = first[:, :3] + share[:, None] * (second[:, :3] - first[:, :3])
+    turns = slerp(
+        first[:, 3:].reshape(count, 18, 4),
+        second[:, 3:].reshape(count, 18, 4),
+        np.tile(share[:, None], 18),
+    )
+    return np.concatenate([place, turns.reshape(count, 72)], axis=1)
+
+
+def _bridged(qpos: Floats, valid: Bools) -> Floats:
+    """Poses with invalid frames interpolated and quaternions free of sign flips."""
+    if not valid.all():
+        known = np.flatnonzero(valid)
+        between = _interpolated(known, qpos[known], len(qpos))
+        qpos = np.where(valid[:, None], qpos, between)
+    turns = continuous(qpos[:, 3:].reshape(len(qpos), 18, 4))
+    return np.concatenate([qpos[:, :3], turns.reshape(len(qpos), 72)], axis=1)
+
+
+def _on_floor(
+    shape: ActorShape, qpos: Floats, valid: Bools, fps: float, notes: list[str]
+) -> tuple[ActorShape, Floats]:
+    """Give the feet soles that meet the capture's floor, and put that floor at z = 0."""
+    tree = shape.tree()
+    segment, local = shape.contact_points()
+    feet = [CONTACT_POINTS.index(f"{s}_{p}") for s in ("left", "right") for p in ("heel", "toe")]
+    at = points(forward(tree, qpos), segment[feet] + 1, local[feet])
+    still = _still_heights(at, valid, fps)
+    everything = np.concatenate(still)
+    if len(everything) >= 5:
+        low = np.percentile(everything, 5)
+        floor = float(np.median(everything[everything < low + 0.04]))
+    else:
+        floor = float(np.percentile(at[valid][..., 2].min(axis=1), 2))
+    tip, heel = shape.tip.copy(), shape.heel.copy()
+    for i, heights in enumerate(still):
+        on = heights[np.abs(heights - floor) < 0.04]
+        if len(on) < 5:
+            continue
+        down = float(np.clip(np.median(on) - floor, -0.03, 0.03))
+        side, is_toe = divmod(i, 2)
+        foot = SEGMENT[("left_foot", "right_foot")[side]]
+        if is_toe:
+            tip[foot, 2] -= down
+        else:
+            heel[side, 2] -= down
+    shape = ActorShape.standing(shape.name, shape.mass, shape.offset, tip, heel)
+    moved = qpos.copy()
+    moved[:, 2] -= floor
+    if abs(floor) > 0.01:
+        notes.append(f"the floor was found at {floor:+.3f} m and moved to z = 0")
+    return shape, moved
+
+
+def _with_feet(model: MarkerModel, expected_x: Floats) -> ActorShape:
+    """The shape with feet as long as their markers say: heel and ball follow heel and toes."""
+    shape = model.shape
+    tip, heel = shape.tip.copy(), shape.heel.copy()
+    for side, name in enumerate(("left_foot", "right_foot")):
+        foot, on = SEGMENT[name], model.segment == SEGMENT[name]
+        expected, fitted = np.ptp(expected_x[on]), np.ptp(model.local[on, 0])
+        if on.sum() >= 2 and expected > 0.08:
+            ratio = float(np.clip(fitted / expected, 0.8, 1.25))
+            tip[foot, 0], heel[side, 0] = ratio * tip[foot, 0], ratio * heel[side, 0]
+    return ActorShape.standing(shape.name, shape.mass, shape.offset, tip, heel)
+
+
+def _still_heights(at: Floats, valid: Bools, fps: float) -> list[Floats]:
+    """Heights of each foot point in frames where it hardly moves (below 0.15 m/s)."""
+    if len(at) < 3:
+        return [at[valid, i, 2] for i in range(at.shape[1])]
+    speed = np.linalg.norm(np.gradient(at, axis=0), axis=-1) * fps
+    return [at[valid & (speed[:, i] < 0.15), i, 2] for i in range(at.shape[1])]
+
+
+def _named(
+    shape: ActorShape, recording: MarkerRecording, mass: float | None, notes: list[str]
+) -> ActorShape:
+    reference = ActorShape.reference()
+    kilograms = reference.mass * (shape.height / reference.height) ** 2 if mass is None else mass
+    if mass is None:
+        notes.append(
+            f"mass not told: taken as {kilograms:.0f} kg from a height of {shape.height:.2f} m"
+        )
+    return ActorShape(recording.source.name, kilograms, shape.offset, shape.tip, shape.heel)
