@@ -42,11 +42,13 @@ class LocalFrame:
 
     def to_local(self, points: Array) -> Array:
         """Coordinates of world ``points`` (T, K, 3) in the local frame, metres."""
-        return np.einsum("tji,tkj->tki", self.basis, points - self.origin[:, None, :])
+        local: Array = np.einsum("tji,tkj->tki", self.basis, points - self.origin[:, None, :])
+        return local
 
     def to_world(self, points: Array) -> Array:
         """World coordinates of local ``points`` (T, K, 3), metres."""
-        return np.einsum("tij,tkj->tki", self.basis, points) + self.origin[:, None, :]
+        world: Array = np.einsum("tij,tkj->tki", self.basis, points) + self.origin[:, None, :]
+        return world
 
 
 def local_frame(position: Array, rotation: Array, front: ArrayLike, up: ArrayLike) -> LocalFrame:
@@ -128,12 +130,13 @@ def _carry(raw: Array, inverted: NDArray[np.bool_], rotation: Array, f: Array) -
     step = _vertical_turn(rotation)
     turned = np.concatenate([[0.0], np.cumsum(step)])
     if upright.size == 0:  # as if pitched all the way over, then carried
-        return np.arctan2(-f[0, 1], -f[0, 0]) + turned
+        start: float = np.arctan2(-f[0, 1], -f[0, 0])
+        return start + turned
     # offset of the definition from the carried heading, continuous over upright frames;
     # between two of them it is interpolated, which spreads what remains over the run
     offset = np.unwrap(raw[upright] - turned[upright])
     frames = np.arange(raw.size)
-    yaw = turned + np.interp(frames, upright, offset)
+    yaw: Array = turned + np.interp(frames, upright, offset)
     yaw[upright] = turned[upright] + offset
     return yaw
 

@@ -71,7 +71,7 @@ def test_horizontal_place_and_heading_vanish_height_and_tilt_stay() -> None:
         return local_frame(at, turn.as_matrix(), FRONT, UP).to_local(world)
 
     np.testing.assert_allclose(seen(rotation, place), seen(moved, place + shift), atol=1e-12)
-    assert not np.allclose(seen(rotation, place), seen(rotation, place + [[0, 0, 0.1]]))
+    assert not np.allclose(seen(rotation, place), seen(rotation, place + np.array([[0, 0, 0.1]])))
 
 
 def test_to_world_undoes_to_local() -> None:

@@ -1,0 +1,106 @@
+"""Direct Gaussian process regression from actor to character features (Yamane 2010, 6.4)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize
+
+from physretarget.mapping.kernels import Kernel, gram_gradient, squared_distances
+from physretarget.mapping.protocol import (
+    Array,
+    Arrays,
+    Mapped,
+    Space,
+    checked_frames,
+    checked_pairs,
+)
+from physretarget.mapping.regression import Posterior, likelihood
+from physretarget.mapping.threads import one_thread
+
+BOUNDS = ((1e-2, 1e4), (1e-6, 1e2), (1e-6, 1e1), (1e-6, 1e-3))
+"""Signal, sharpness (of distances per feature), offset, noise; see ``gplvm.BOUNDS``."""
+
+STARTS = (0.1, 1.0, 10.0)
+"""Widths tried, as multiples of 1 / median squared distance: the likelihood has local optima."""
+
+
+@dataclass(frozen=True)
+class GaussianProcess:
+    """One kernel for all character features, inputs are normal actor features (N, DY)."""
+
+    kernel: Kernel
+    space_y: Space
+    space_z: Space
+    keys_y: Array
+    keys_z: Array
+    name: str = "gp"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_posterior", Posterior.of(self.kernel, self.keys_y, self.keys_z))
+
+    @one_thread
+    def predict(self, y: Array) -> Mapped:
+        """Map frames y (T, DY), each on its own."""
+        frames = self.space_y.normal(checked_frames(y, self.space_y.centre.size))
+        posterior: Posterior = self._posterior  # type: ignore[attr-defined]
+        mean, variance = posterior.at(frames)
+        return Mapped(self.space_z.natural(mean), variance * self.space_z.scale**2)
+
+    def to_arrays(self) -> Arrays:
+        """Plain arrays; see :func:`physretarget.mapping.from_arrays`."""
+        return {
+            "mapper": np.array(self.name),
+            "logs": self.kernel.logs(),
+            "centre_y": self.space_y.centre,
+            "centre_z": self.space_z.centre,
+            "scales": np.array([self.space_y.scale, self.space_z.scale]),
+            "keys_y": self.keys_y,
+            "keys_z": self.keys_z,
+        }
+
+    @classmethod
+    def from_arrays(cls, arrays: Arrays) -> GaussianProcess:
+        """Rebuild what :meth:`to_arrays` gave."""
+        a = {k: np.asarray(v, dtype=np.float64) for k, v in arrays.items() if k != "mapper"}
+        return cls(
+            kernel=Kernel.from_logs(a["logs"]),
+            space_y=Space(a["centre_y"], float(a["scales"][0])),
+            space_z=Space(a["centre_z"], float(a["scales"][1])),
+            keys_y=a["keys_y"],
+            keys_z=a["keys_z"],
+        )
+
+
+def marginal(logs: Array, squared: Array, scatter: Array, width: int) -> tuple[float, Array]:
+    """Negative log-likelihood of the four kernel logs, with gradient."""
+    kernel = Kernel.from_logs(logs)
+    value, sensitivity = likelihood(kernel.gram(squared), scatter, width)
+    return value, gram_gradient(kernel, squared, sensitivity)[0]
+
+
+@one_thread
+def fit_gp(y: Array, z: Array) -> GaussianProcess:
+    """Fit the four kernel parameters to key poses y (N, DY), z (N, DZ) by their likelihood."""
+    y, z = checked_pairs(y, z)
+    space_y, space_z = Space.of(y), Space.of(z)
+    keys_y, keys_z = space_y.normal(y), space_z.normal(z)
+    squared = squared_distances(keys_y, keys_y)
+    scatter = keys_z @ keys_z.T
+    median = max(float(np.median(squared[np.triu_indices_from(squared, k=1)])), 1e-6)
+    box = [tuple(np.log(bound)) for bound in BOUNDS]
+    best = None
+    for start in STARTS:
+        found = minimize(
+            marginal,
+            np.clip(Kernel(1.0, start / median, 1e-2, 1e-4).logs(), *np.transpose(box)),
+            args=(squared, scatter, z.shape[1]),
+            jac=True,
+            method="L-BFGS-B",
+            bounds=box,
+        )
+        if best is None or found.fun < best.fun:
+            best = found
+    assert best is not None
+    return GaussianProcess(Kernel.from_logs(best.x), space_y, space_z, keys_y, keys_z)

@@ -1,0 +1,123 @@
+"""Where in the latent space a frame lies: Yamane 2010 eq. (5), for all frames at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physretarget.mapping.kernels import squared_distances
+from physretarget.mapping.lbfgs import Rows, minimise
+from physretarget.mapping.regression import Posterior
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """How latent points are searched.
+
+    ``iterations`` of L-BFGS per start; ``decrease``: gain per iteration, in log-likelihood per
+    feature, at which a frame rests; ``sweeps``: how often the previous frame's solution is
+    offered as another start; ``leap``: step from frame to frame above which it is offered, as
+    a share of the mean distance between neighbouring key poses in the latent space;
+    ``prior``: weight of the latent prior ½|x|² (1: maximum a posteriori, 0: the paper's maximum
+    likelihood, which may drift to infinity on a frame unlike all key poses).
+    """
+
+    iterations: int = 60
+    decrease: float = 1e-6
+    sweeps: int = 6
+    leap: float = 0.1
+    prior: float = 1.0
+
+
+@dataclass(frozen=True)
+class Likelihood:
+    """Negative log-likelihood per feature of frames y (T, D), as a function of latent points.
+
+    Only N-sized products remain of the D features: ``cross`` (T, N) is y weightsᵀ, ``power``
+    (T,) is |y|², ``scatter`` (N, N) is weights weightsᵀ.
+    """
+
+    posterior: Posterior
+    width: int
+    prior: float
+    cross: Array
+    power: Array
+    scatter: Array
+
+    @classmethod
+    def of(cls, posterior: Posterior, y: Array, prior: float) -> Likelihood:
+        """For normal frames y (T, D)."""
+        weights = posterior.weights
+        return cls(
+            posterior, y.shape[1], prior, y @ weights.T, np.sum(y**2, axis=1), weights @ weights.T
+        )
+
+    def __call__(self, x: Array, rows: Rows) -> tuple[Array, Array]:
+        """Values (n,) and gradients (n, DX) for frames ``rows`` at x (n, DX)."""
+        kernel, inputs = self.posterior.kernel, self.posterior.inputs
+        bump = kernel.bump(squared_distances(x, inputs))
+        k = bump + kernel.offset
+        solved = k @ self.posterior.inverse
+        variance = kernel.prior_variance - np.einsum("tn,tn->t", solved, k)
+        variance = np.maximum(variance, kernel.noise)
+        spread = k @ self.scatter
+        cross = self.cross[rows]
+        residual = self.power[rows] + np.einsum("tn,tn->t", spread - 2.0 * cross, k)
+        residual = np.maximum(residual, 0.0)
+        value = 0.5 * self.width * np.log(variance) + 0.5 * residual / variance
+        by_variance = 0.5 * self.width / variance - 0.5 * residual / variance**2
+        by_k = (spread - cross) / variance[:, None] - 2.0 * by_variance[:, None] * solved
+        pull = kernel.sharpness * by_k * bump
+        gradient = pull @ inputs - pull.sum(axis=1)[:, None] * x
+        value += 0.5 * self.prior * np.einsum("td,td->t", x, x)
+        gradient += self.prior * x
+        return value / self.width, gradient / self.width
+
+
+def locate(posterior: Posterior, keys: Array, y: Array, settings: SearchSettings) -> Array:
+    """Latent points (T, DX) of normal frames y (T, D), in order of time.
+
+    ``keys`` (N, D) are the normal key poses. Every frame starts from its nearest key pose. Where
+    that leaps from the previous frame, the previous frame's solution is tried as a start and the
+    better one kept, until no frame changes any more.
+    """
+    likelihood = Likelihood.of(posterior, y, settings.prior)
+    nearest = squared_distances(y, keys).argmin(axis=1)
+    x, value = _descend(likelihood, posterior.inputs[nearest], np.arange(y.shape[0]), settings)
+    leap = settings.leap * neighbour_distance(posterior.inputs)
+    offered = np.arange(1, y.shape[0])
+    for _ in range(settings.sweeps):
+        step = np.linalg.norm(x[offered] - x[offered - 1], axis=1)
+        offered = offered[step > leap]
+        if offered.size == 0:
+            break
+        x_new, value_new = _descend(likelihood, x[offered - 1], offered, settings)
+        taken = value_new < value[offered] - settings.decrease
+        frames = offered[taken]
+        x[frames], value[frames] = x_new[taken], value_new[taken]
+        offered = frames[frames < y.shape[0] - 1] + 1
+    return x
+
+
+def neighbour_distance(inputs: Array) -> float:
+    """Mean distance of the key poses (N, DX) to their nearest neighbours."""
+    squared = squared_distances(inputs, inputs)
+    np.fill_diagonal(squared, np.inf)
+    return float(np.sqrt(squared.min(axis=1)).mean())
+
+
+def _descend(
+    likelihood: Likelihood, start: Array, frames: Rows, settings: SearchSettings
+) -> tuple[Array, Array]:
+    """Minimise for ``frames`` (n,) from ``start`` (n, DX)."""
+    found = minimise(
+        lambda x, rows: likelihood(x, frames[rows]),
+        start,
+        iterations=settings.iterations,
+        decrease=settings.decrease,
+    )
+    return found.x, found.value
