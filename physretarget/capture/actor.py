@@ -222,6 +222,16 @@ class ActorMotion:
         qpos[:, :3] *= shape.leg_length / self.shape.leg_length
         return replace(self, shape=shape, qpos=qpos)
 
+    def cut(self, first: int, last: int) -> ActorMotion:
+        """Frames ``first`` to ``last`` inclusive; time starts at 0 again."""
+        frames = slice(first, last + 1)
+        return replace(
+            self,
+            time=self.time[frames] - self.time[first],
+            qpos=self.qpos[frames],
+            valid=self.valid[frames],
+        )
+
     def resampled(self, fps: float) -> ActorMotion:
         """The same motion at another rate: positions linearly, rotations along great arcs."""
         if not (np.isfinite(fps) and fps > 0):
