@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget import kinematics
-from physretarget.contact.phases import Phases, runs
+from physretarget.contact.phases import Phases, any_point, runs
 from physretarget.contact.settings import ContactSettings
 from physretarget.contact.sole import Sole, SoleMotion, make_sole, sole_motion, yaw_quat
 from physretarget.contact.stances import Footing, find_footings
@@ -161,7 +161,9 @@ def _feet(
         floor = character.floor_height
         track = stand(sole, motion, footings, active, time, floor, settings)
         found.append((sole, motion, active, footings, track))
-    grounded = np.zeros(len(time), dtype=bool)
+    # Hands or back that the character has no counterpart of bear the actor as well.
+    others = [name not in character.tied for name in phases.names]
+    grounded = any_point(phases.active[:, others])
     for *_, track in found:
         grounded |= track.standing
     return [

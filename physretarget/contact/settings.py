@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
+
+Blend = Literal["ballistic", "paper"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,10 +25,14 @@ class ContactSettings:
     max_speed: a stance that could only be reached faster than this times sqrt(g · height) is
         dropped.
     hop_height: a flight of duration T rises at least g T²/8 (a ballistic hop), but no
-        higher than this; swing_height: a foot passes at least this far over the floor
-        while another one stands.
+        higher than this. longest_flight: nobody flies longer than this, s; the actor then is
+        on hands or back, and nothing is thrown.
+    swing_height: a foot passes at least this far over the floor while another one stands.
+    blend: corrections over flights of the whole character go linearly in time ("ballistic"),
+        which leaves a body in flight without horizontal acceleration, or by eq. (9) ("paper"),
+        which is always used for a foot that swings.
     waddle: a body that carries points of both feet rolls onto the side that stands by this
-        angle, so that a walk shows (rad). Zero for none.
+        angle, so that a walk shows (rad; zero for none), and back, each within ``rock`` s.
     settle: time over which a body's tilt changes when other points become planted, s.
     stance_weight: weight of planted points against 1 for each virtual marker;
         flight_weight: of the same points in flight, fading over ``fade`` s from the stance.
@@ -38,11 +45,14 @@ class ContactSettings:
     hop_angle: float = 0.6
     hop_share: float = 0.3
     max_speed: float = 3.0
-    hop_height: float = 0.3
+    hop_height: float = 0.5
+    longest_flight: float = 0.85
     swing_height: float = 0.015
-    waddle: float = 0.06
+    waddle: float = 0.1
+    rock: float = 0.25
     settle: float = 0.06
     stance_weight: float = 1e4
     flight_weight: float = 1e2
     fade: float = 0.15
+    blend: Blend = "ballistic"
     gravity: float = 9.81

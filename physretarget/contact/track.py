@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget import kinematics
-from physretarget.contact.phases import any_point
+from physretarget.contact.phases import any_point, runs
 from physretarget.contact.settings import ContactSettings
 from physretarget.contact.sole import Sole, SoleMotion, allowed_tilt, rolled, yaw_quat
 from physretarget.contact.stances import Footing
@@ -90,12 +90,7 @@ def _tilt_on_floor(
     Allowed tilts are convex cones, so an average over neighbours of tilts that each obey the
     constraints of all their neighbours obeys its own: smooth, and no point sinks.
     """
-    wanted = tilt.copy()
-    if sole.two_sided and settings.waddle > 0:
-        for side in dict.fromkeys(sole.sides):
-            mine = np.array([s == side for s in sole.sides])
-            alone = planted[:, mine].any(axis=1) & ~planted[:, ~mine].any(axis=1)
-            wanted[alone] += rolled(sole, mine, settings.waddle)
+    wanted = tilt + _waddle(sole, planted, time[: len(tilt)], settings)
     step = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
     reach = min(round(settings.settle / step), len(tilt))
     offsets = range(-reach, reach + 1)
@@ -110,6 +105,28 @@ def _tilt_on_floor(
         weights += weight * _shifted(np.ones((len(tilt), 1)), offset)
     mean: Floats = total / weights
     return mean
+
+
+def _waddle(sole: Sole, planted: Bools, time: Floats, settings: ContactSettings) -> Floats:
+    """The roll (F, 3) onto the side that stands alone: up and down like a rocking block's.
+
+    A block that rocks on its edge falls back under gravity, so its angle is a parabola in
+    time; a longer stance holds the angle in between.
+    """
+    roll = np.zeros((len(planted), 3))
+    if not sole.two_sided or settings.waddle <= 0:
+        return roll
+    for side in dict.fromkeys(sole.sides):
+        mine = np.array([s == side for s in sole.sides])
+        alone = any_point(planted[:, mine]) & ~any_point(planted[:, ~mine])
+        for first, last in runs(alone):
+            inside = time[first : last + 1]
+            flank = min(0.5 * (inside[-1] - inside[0]), settings.rock)
+            edge = np.minimum(inside - inside[0], inside[-1] - inside)
+            share = 1.0 - np.clip(edge / max(flank, 1e-9), 0.0, 1.0)
+            full = rolled(sole, mine, settings.waddle)
+            roll[first : last + 1] = (1.0 - share * share)[:, None] * full
+    return roll
 
 
 def _shifted(rows: Array, offset: int) -> Array:
@@ -150,7 +167,7 @@ def fly(
     """Blend the corrections of the stances before and after over each flight, eq. (9).
 
     Before the first stance and after the last one its own correction holds. ``grounded`` (T,)
-    tells whether any body stands: a flight during which none does is a hop of the whole
+    tells whether anything else bears: a flight during which nothing does is a hop of the whole
     character and rises like a thrown stone; otherwise it is the swing of a foot.
     """
     if not footings:
@@ -168,7 +185,10 @@ def fly(
         share = (time[inner] - t0) / max(t1 - t0, 1e-9)
         start = _correction(sole, motion, track, before.last) if before else None
         end = _correction(sole, motion, track, after.first) if after else None
-        shift, yaw, tilt = _blended(start, end, share)
+        thrown = not grounded[inner].any() and t1 - t0 <= settings.longest_flight
+        linear = thrown and settings.blend == "ballistic"
+        weight = share if linear else share * share * (3.0 - 2.0 * share)  # eq. (9)
+        shift, yaw, tilt = _blended(start, end, weight)
         centre[inner] += shift
         if len(sole.local) > 1:
             turn = kinematics.quat_multiply(kinematics.rotvec_to_quat(tilt), yaw_quat(yaw))
@@ -176,7 +196,7 @@ def fly(
         arm = np.einsum("tij,nj->tni", rotation[inner], sole.local - sole.centre)
         low = (centre[inner, None] + arm)[..., 2].min(axis=1) - floor
         if before and after:
-            limit = settings.swing_height if grounded[inner].any() else settings.hop_height
+            limit = settings.hop_height if thrown else settings.swing_height
             rise = min(settings.gravity * (t1 - t0) ** 2 / 8.0, limit * height)
             centre[inner, 2] += _raised(low, 4.0 * rise * share * (1.0 - share)) - low
         else:
@@ -207,16 +227,15 @@ def _correction(sole: Sole, motion: SoleMotion, track: Track, frame: int) -> _Co
 
 
 def _blended(
-    start: _Correction | None, end: _Correction | None, share: Floats
+    start: _Correction | None, end: _Correction | None, weight: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Corrections over a flight; ``share`` of its time is 0 at the start and 1 at the end."""
+    """Corrections over a flight; ``weight`` goes from 0 at the start to 1 at the end."""
     if start is None:
         start = end
     if end is None:
         end = start
     assert start is not None
     assert end is not None
-    weight = share * share * (3.0 - 2.0 * share)  # Yamane 2010, eq. (9)
     turn = (end[1] - start[1] + np.pi) % (2.0 * np.pi) - np.pi
     shift = start[0] + weight[:, None] * (end[0] - start[0])
     tilt = start[2] + weight[:, None] * (end[2] - start[2])
