@@ -62,4 +62,4 @@ class Clock:
     def ticks(self, fps: float, *, speed: float = 1.0) -> NDArray[np.float64]:
         """The times to draw for a film of the whole clip at a frame rate."""
         count = int(np.floor(self.duration * fps / speed + 1e-9)) + 1
-        return self.start + np.arange(count) * (speed / fps)
+        return np.asarray(self.start + np.arange(count) * (speed / fps), dtype=np.float64)

@@ -172,8 +172,8 @@ def _contacts(contacts: Contacts, keep: NDArray[np.int64]) -> dict[str, Any]:
 
 
 def _forces(forces: Forces, keep: NDArray[np.int64]) -> dict[str, Any]:
-    known = np.isfinite(forces.origin).all(-1) & np.isfinite(forces.vector).all(-1)
-    shown = known[keep, :, None]
+    known = np.isfinite(forces.origin) & np.isfinite(forces.vector)
+    shown = np.all(known, axis=-1, keepdims=True)[keep]
     return {
         "label": forces.label,
         "origin": pack_fractions(np.where(shown, forces.origin[keep], 0.0)),
@@ -188,6 +188,7 @@ def _mark(mark: Mark) -> dict[str, Any]:
         "message": mark.message,
         "first": mark.frame_first,
         "last": mark.frame_last,
+        "look": mark.look_at,
     }
 
 

@@ -114,13 +114,19 @@ class Figure:
 
 @dataclass(frozen=True)
 class Mark:
-    """A finding on the clock: frames are inclusive and count from 0."""
+    """A finding on the clock: frames are inclusive and count from 0; ``frame`` is the worst."""
 
     code: str
     severity: Severity
     message: str
     frame_first: int
     frame_last: int
+    frame: int | None = None
+
+    @property
+    def look_at(self) -> int:
+        """The frame to jump to: the worst one, or the first."""
+        return self.frame_first if self.frame is None else self.frame
 
 
 class FindingLike(Protocol):
@@ -180,6 +186,7 @@ def marks(findings: Sequence[FindingLike]) -> tuple[Mark, ...]:
                 message=finding.message,
                 frame_first=int(finding.frame_first),
                 frame_last=int(last),
+                frame=getattr(finding, "frame", None),
             )
         )
     return tuple(sorted(found, key=lambda mark: (mark.frame_first, mark.code)))

@@ -230,7 +230,7 @@
     // ---- labels over the picture -----------------------------------------------------------------
     buildOverlay() {
       this.tags = this.stage.figures.map((figure) => el("button", {
-        class: "pr-tag", type: "button", title: "Show or hide", style: `--c:${css(figure.accent)}`,
+        class: `pr-tag${figure.shown ? "" : " pr-off"}`, type: "button", title: "Show or hide", style: `--c:${css(figure.accent)}`,
         "aria-pressed": String(figure.shown),
         onclick: () => this.showFigure(figure, !figure.shown),
       }, figure.name));
@@ -370,7 +370,7 @@
           tabindex: -1, "aria-label": `${mark.code} at frame ${mark.first}: ${mark.message}`,
           title: `${mark.code} · frame ${mark.first}–${mark.last}\n${mark.message}`,
           style: `left:${100 * from}%;width:${100 * (to - from)}%;top:${lane * 8}px`,
-          onclick: () => this.seekFrame(mark.first) }));
+          onclick: () => this.seekFrame(mark.look) }));
       }
       lanes.style.height = `${Math.min(ends.length, 4) * 8}px`;
       return lanes;

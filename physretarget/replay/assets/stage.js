@@ -439,5 +439,5 @@
     }
   }
 
-  Object.assign(physretarget, { Stage, makeRenderer });
+  Object.assign(physretarget, { Stage, makeRenderer, unpack, frameTimes });
 })();

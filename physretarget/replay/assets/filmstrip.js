@@ -1,0 +1,88 @@
+// Small pictures of figures at a few times: rows are figures, columns are times.
+"use strict";
+(() => {
+  /**
+   * @param root element to fill
+   * @param data the scene's data
+   * @param options rows: [{figure, label, note}], times: [s], onpick(time)
+   */
+  physretarget.filmstrip = function filmstrip(root, data, { rows, times, onpick }) {
+    const sheet = document.createElement("canvas");
+    const renderer = physretarget.makeRenderer(sheet);
+    if (!renderer) {
+      root.textContent = "This browser offers no WebGL, so the film strip cannot be drawn.";
+      return;
+    }
+    const stage = new physretarget.Stage(data, renderer);
+    const camera = new THREE.PerspectiveCamera(28, 1, 0.01, 100);
+    camera.up.set(0, 0, 1);
+    const dark = matchMedia("(prefers-color-scheme: dark)");
+    stage.world.theme(dark.matches);
+    const size = { width: 190, height: 176 }, ratio = Math.min(devicePixelRatio || 1, 2);
+    renderer.setPixelRatio(ratio);
+    renderer.setSize(size.width, size.height, false);
+    const shows = { forces: false, contacts: false, trail: false, ghost: false };
+
+    const table = document.createElement("div");
+    table.className = "fs-table";
+    table.style.setProperty("--columns", times.length);
+    const cells = [];
+    table.append(cellOf("fs-corner", ""));
+    times.forEach((time) => table.append(cellOf("fs-time", `${time.toFixed(2)} s`)));
+    rows.forEach((row) => {
+      const head = cellOf("fs-label", row.label);
+      if (row.note) head.append(Object.assign(document.createElement("small"), { textContent: row.note }));
+      table.append(head);
+      times.forEach((time) => {
+        const cell = document.createElement("button");
+        cell.type = "button";
+        cell.className = "fs-cell";
+        cell.title = `${row.label} at ${time.toFixed(2)} s`;
+        const canvas = document.createElement("canvas");
+        canvas.width = size.width * ratio;
+        canvas.height = size.height * ratio;
+        canvas.setAttribute("aria-label", cell.title);
+        cell.append(canvas);
+        cell.addEventListener("click", () => onpick && onpick(time));
+        table.append(cell);
+        cells.push({ row, time, canvas });
+      });
+    });
+    root.replaceChildren(table);
+
+    function cellOf(name, text) {
+      return Object.assign(document.createElement("div"), { className: name, textContent: text });
+    }
+    function draw({ row, time, canvas }) {
+      const figure = stage.figures[row.figure];
+      figure.shown = true;
+      stage.update(time, shows, false);
+      stage.solo(row.figure);
+      const at = figure.comAt(time, figure.smooth), s = figure.height;
+      stage.world.around(at.x, at.y, s);
+      camera.position.set(at.x + 2.0 * s, at.y - 1.5 * s, 1.1 * s);
+      camera.near = 0.02 * s; camera.far = 100 * s;
+      camera.aspect = size.width / size.height;
+      camera.lookAt(at.x, at.y, 0.5 * s);
+      camera.updateProjectionMatrix();
+      renderer.render(stage.world.scene, camera);
+      const pen = canvas.getContext("2d");
+      pen.clearRect(0, 0, canvas.width, canvas.height);
+      pen.drawImage(sheet, 0, 0);
+    }
+    let next = 0;
+    function some() {
+      for (let i = 0; i < times.length && next < cells.length; i++) draw(cells[next++]);
+      if (next < cells.length) requestAnimationFrame(some);
+      else { renderer.dispose(); renderer.forceContextLoss(); } // pictures stay, the GPU is freed
+    }
+    // Drawn only when about to be seen: a report may be long.
+    const watch = new IntersectionObserver(([entry]) => {
+      if (!entry.isIntersecting) return;
+      watch.disconnect();
+      requestAnimationFrame(some);
+    }, { rootMargin: "600px" });
+    watch.observe(root);
+    window.addEventListener("beforeprint", () => { while (next < cells.length) draw(cells[next++]); });
+  };
+})();

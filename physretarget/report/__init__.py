@@ -1,0 +1,1 @@
+"""Renderers of reports; none of them computes."""
