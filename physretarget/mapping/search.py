@@ -37,24 +37,25 @@ class SearchSettings:
 class Likelihood:
     """Negative log-likelihood per feature of frames y (T, D), as a function of latent points.
 
-    Only N-sized products remain of the D features: ``cross`` (T, N) is y weightsᵀ, ``power``
-    (T,) is |y|², ``scatter`` (N, N) is weights weightsᵀ.
+    A prediction never leaves the span of the key poses, at most N directions: only the frames'
+    coordinates in it matter, ``within`` (T, r); what lies outside adds the constant ``outside``
+    (T,). ``weights`` (N, r) are those of the posterior in the same coordinates.
     """
 
     posterior: Posterior
     width: int
     prior: float
-    cross: Array
-    power: Array
-    scatter: Array
+    weights: Array
+    within: Array
+    outside: Array
 
     @classmethod
     def of(cls, posterior: Posterior, y: Array, prior: float) -> Likelihood:
         """For normal frames y (T, D)."""
-        weights = posterior.weights
-        return cls(
-            posterior, y.shape[1], prior, y @ weights.T, np.sum(y**2, axis=1), weights @ weights.T
-        )
+        basis, upper = np.linalg.qr(posterior.weights.T)
+        within = y @ basis
+        outside = np.sum((y - within @ basis.T) ** 2, axis=1)
+        return cls(posterior, y.shape[1], prior, upper.T, within, outside)
 
     def __call__(self, x: Array, rows: Rows) -> tuple[Array, Array]:
         """Values (n,) and gradients (n, DX) for frames ``rows`` at x (n, DX)."""
@@ -64,13 +65,11 @@ class Likelihood:
         solved = k @ self.posterior.inverse
         variance = kernel.prior_variance - np.einsum("tn,tn->t", solved, k)
         variance = np.maximum(variance, kernel.noise)
-        spread = k @ self.scatter
-        cross = self.cross[rows]
-        residual = self.power[rows] + np.einsum("tn,tn->t", spread - 2.0 * cross, k)
-        residual = np.maximum(residual, 0.0)
+        miss = k @ self.weights - self.within[rows]
+        residual = self.outside[rows] + np.einsum("tr,tr->t", miss, miss)
         value = 0.5 * self.width * np.log(variance) + 0.5 * residual / variance
         by_variance = 0.5 * self.width / variance - 0.5 * residual / variance**2
-        by_k = (spread - cross) / variance[:, None] - 2.0 * by_variance[:, None] * solved
+        by_k = (miss @ self.weights.T) / variance[:, None] - 2.0 * by_variance[:, None] * solved
         pull = kernel.sharpness * by_k * bump
         gradient = pull @ inputs - pull.sum(axis=1)[:, None] * x
         value += 0.5 * self.prior * np.einsum("td,td->t", x, x)
