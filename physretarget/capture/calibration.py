@@ -174,11 +174,12 @@ def _link(measured: Measured, segment: str, top: str | None, left: Floats) -> Fl
     if top is None or top == segment:
         world = np.tile(_UP, (len(measured.turn[segment]), 1))
         return mean_direction(_local(measured.turn[segment], world))
-    straight = unit(measured.rest[top] - measured.rest[segment])
-    if abs(straight @ left) < np.sin(np.radians(20)):
-        return straight
     way = measured.centre[top] - measured.centre[segment]
-    return mean_direction(_local(measured.turn[segment], unit(way)))
+    mean = mean_direction(_local(measured.turn[segment], unit(way)))
+    straight = unit(measured.rest[top] - measured.rest[segment])
+    if abs(straight @ left) < np.sin(np.radians(20)) and straight @ mean > np.cos(np.radians(40)):
+        return straight
+    return mean  # the rest pose bends this skeleton's spine: trust the clip's mean instead
 
 
 def _between(measured: Measured, turn: dict[str, Floats], joint: Floats) -> Floats:
@@ -206,9 +207,33 @@ def _head(measured: Measured, turn: dict[str, Floats], rest: Floats | None) -> F
     body = turn.get("chest", turn.get("abdomen", turn["pelvis"]))
     up = mean_direction(_local(joint, body[:, :, 2]))
     forward = mean_direction(_local(joint, body[:, :, 0]))
-    # Joint frames are built along the anatomy: a head held aside through a clip stays aside.
-    up, forward = _snap(up), _snap(forward)
+    if _built_along_axes(measured):
+        # Such frames follow the anatomy: a head held aside through a clip stays aside.
+        up, forward = _snap(up), _snap(forward)
     return frame(np.cross(up, forward), up)
+
+
+def _built_along_axes(measured: Measured) -> bool:
+    """Whether bones lie along coordinate axes of their joints' frames, as in most rigs."""
+    for side in ("left", "right"):
+        for a, b in (("thigh", "shank"), ("shank", "foot")):
+            bone = unit(measured.rest[f"{side}_{b}"] - measured.rest[f"{side}_{a}"])
+            if np.abs(bone).max() < np.cos(np.radians(8)):
+                return False
+    return True
+
+
+def _limbs_straight(measured: Measured) -> bool:
+    """Whether arms and legs are straight at rest, so that their frames fit end to end."""
+    limbs = (("upper_arm", "forearm", "hand"), ("thigh", "shank", "foot"))
+    for side in ("left", "right"):
+        for parts in limbs:
+            if any(f"{side}_{part}" not in measured.rest for part in parts):
+                continue
+            a, b, c = (measured.rest[f"{side}_{part}"] for part in parts)
+            if unit(b - a) @ unit(c - b) < np.cos(np.radians(45)):
+                return False
+    return True
 
 
 def _snap(direction: Floats) -> Floats:
@@ -326,7 +351,7 @@ def _forearm_left(
     upper, fore, hand = (f"{side}_{part}" for part in ("upper_arm", "forearm", "hand"))
     first = unit(measured.rest[fore] - measured.rest[upper])
     second = unit(measured.rest[hand] - measured.rest[fore])
-    if first @ second > np.cos(np.radians(60)):
+    if _limbs_straight(measured):
         return np.asarray(swing(first[None], second[None])[0] @ upper_left)
     way = unit(measured.centre[hand] - measured.centre[fore])
     return _zero_twist(turn[upper], measured.turn[fore], way)

@@ -39,11 +39,14 @@ _JOINTS: tuple[tuple[str, int, tuple[float, float, float], int], ...] = (
     ("left_wrist", 13, (0.0, -0.258947, 0.0), 0),
 )
 _WIDTH = 4 + sum(joint[3] for joint in _JOINTS)
-# Ends of the published character's boxes and spheres: the sole's toe edge, the top of the head.
+# Ends of the published character's shapes: the sole's toe edge, the top of the head, the fists
+# (the balls at the wrists), on which the cartwheel stands.
 _ENDS = {
     "neck_end": (2, (0.0, 0.2775, 0.0)),
     "right_ankle_end": (5, (0.1335, -0.05, 0.0)),
     "left_ankle_end": (11, (0.1335, -0.05, 0.0)),
+    "right_wrist_end": (8, (0.0, -0.07, 0.0)),
+    "left_wrist_end": (14, (0.0, -0.07, 0.0)),
 }
 
 

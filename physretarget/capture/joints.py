@@ -242,7 +242,7 @@ class _Offsets:
             way = self.measured.end[segment] - self.measured.centre[segment]
             local = _in(self.turn[:, SEGMENT[segment]], way)
             usual = float(np.linalg.norm(tip[SEGMENT[segment]]))
-            if 0.6 * usual <= np.linalg.norm(local) <= 1.5 * usual:
+            if 0.35 * usual <= np.linalg.norm(local) <= 1.5 * usual:
                 tip[SEGMENT[segment]] = local
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from physretarget.capture.actor import NQ, NV, PARENTS, SEGMENT, SEGMENTS, ActorShape
+from physretarget.capture.actor import NV, PARENTS, SEGMENT, SEGMENTS, ActorShape
 from physretarget.kinematics import (
     PointTargets,
     Solution,
@@ -21,6 +21,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
+_ALONG = 3e-4  # m² per rad², how strongly a pose is drawn to its neighbours in time
 _TRUNK = ("pelvis", "abdomen", "chest")
 
 
@@ -63,7 +64,7 @@ def pose_weights() -> Floats:
         "chest": (1e-3, 1e-3, 1e-3),
         "head": (3e-4, 3e-4, 3e-4),
         "clavicle": (4e-3, 4e-3, 4e-3),
-        "forearm": (2e-3, 2e-5, 1e-4),
+        "forearm": (2e-4, 1e-5, 5e-5),
         "hand": (2e-4, 2e-4, 2e-3),
         "shank": (2e-3, 2e-5, 1e-3),
         "foot": (2e-4, 1e-4, 2e-4),
@@ -81,21 +82,25 @@ def fit_poses(
     start: Floats,
     *,
     weight: Floats | None = None,
+    prior: Floats | None = None,
     iterations: int = 30,
     tolerance: float = 3e-4,
 ) -> Solution:
-    """The poses (T, 75) that bring the markers closest to ``position`` (T, K, 3)."""
+    """The poses (T, 75) that bring the markers closest to ``position`` (T, K, 3).
+
+    What markers leave open follows ``prior`` (T, 75) where it is given, else anatomy.
+    """
     tree = model.shape.tree()
     targets = PointTargets(
         model.segment + 1, model.local, position, model.weight if weight is None else weight
     )
-    neutral = tree.neutral()
+    along = np.repeat([0.0, _ALONG], [6, NV - 6])
     return solve(
         tree,
         start,
         [targets],
-        prior=np.broadcast_to(neutral, (len(position), NQ)),
-        prior_weight=pose_weights(),
+        prior=tree.neutral() if prior is None else prior,
+        prior_weight=pose_weights() if prior is None else along,
         iterations=iterations,
         tolerance=tolerance,
     )

@@ -28,6 +28,8 @@ from physretarget.capture.recording import MarkerRecording
 from physretarget.errors import InputError
 from physretarget.kinematics import continuous, forward, points, slerp
 
+_LEAST_ERROR = 0.012  # m; smaller errors are never suspicious
+_ROBUST_ROUNDS = 3
 _LIMBS = {
     "trunk": ("pelvis", "chest"),
     **{
@@ -204,19 +206,29 @@ def _all_poses(
     some = fit_poses(model, position[coarse], first_poses(model, position[coarse]))
     start = _interpolated(coarse, some.qpos, len(position))
     qpos = start.copy()
-    found = fit_poses(model, position[frames], start[frames])
+    found = fit_poses(model, position[frames], start[frames], prior=start[frames])
     qpos[frames] = found.qpos
     residual = np.full(position.shape[:2], np.nan)
     residual[frames] = found.residual
+    usual = np.maximum(1.4826 * np.nanmedian(residual, axis=0), _LEAST_ERROR)
+    doubtful = np.flatnonzero((residual > 4 * usual).any(axis=1))
+    for _ in range(_ROBUST_ROUNDS if len(doubtful) else 0):
+        # Geman and McClure's weights: a marker far off its usual error loses its say.
+        trust = 1 / (1 + (np.nan_to_num(residual[doubtful]) / (3 * usual)) ** 2) ** 2
+        better = fit_poses(
+            model,
+            position[doubtful],
+            qpos[doubtful],
+            weight=model.weight * trust,
+            prior=start[doubtful],
+        )
+        qpos[doubtful], residual[doubtful] = better.qpos, better.residual
     wrong = residual > told.outlier
     if wrong.any():
-        again = np.flatnonzero(wrong.any(axis=1))
-        cleaned = np.where(wrong[again, :, None], np.nan, position[again])
-        better = fit_poses(model, cleaned, qpos[again])
-        qpos[again], residual[again] = better.qpos, better.residual
+        residual[wrong] = np.nan
         notes.append(
             f"{int(wrong.sum())} marker positions more than {100 * told.outlier:.0f} cm from the "
-            f"fitted actor were left out, in {len(again)} frames"
+            f"fitted actor were taken for wrong ones, in {int(wrong.any(axis=1).sum())} frames"
         )
     return qpos, residual
 
@@ -259,11 +271,14 @@ def _on_floor(
     at = points(forward(tree, qpos), segment[feet] + 1, local[feet])
     still = _still_heights(at, valid, fps)
     everything = np.concatenate(still)
+    lowest = float(np.percentile(at[valid][..., 2].min(axis=1), 2))
     if len(everything) >= 5:
         low = np.percentile(everything, 5)
         floor = float(np.median(everything[everything < low + 0.04]))
+        # Feet on the way down to a floor below (stairs) do not rest, but they do get there.
+        floor = min(floor, lowest + 0.03)
     else:
-        floor = float(np.percentile(at[valid][..., 2].min(axis=1), 2))
+        floor = lowest
     tip, heel = shape.tip.copy(), shape.heel.copy()
     for i, heights in enumerate(still):
         on = heights[np.abs(heights - floor) < 0.04]
