@@ -77,7 +77,7 @@ def detect(
     settings = settings or DetectionSettings()
     if len(time) < 4:
         return np.zeros(position.shape[:2], dtype=bool)
-    known = np.isfinite(position).all(axis=-1)
+    known = np.asarray(np.isfinite(position).all(axis=-1), dtype=np.bool_)
     position = _filled(position, known, time)
     step = float(np.median(np.diff(time)))
     smooth = _lowpassed(position, 1.0 / step, settings.lowpass_hz)
@@ -89,10 +89,11 @@ def detect(
     on = low & (speed < settings.speed_on)
     hold = (height < settings.height_off) & (speed < settings.speed_off)
     hold |= low & (speed < settings.speed_slide)
-    found = np.zeros_like(on)
+    found: Bools = np.zeros(on.shape, dtype=np.bool_)
     for k in range(on.shape[1]):
         found[:, k] = _steadied(on[:, k], hold[:, k], time, step, settings)
-    return found & known
+    found &= known
+    return found
 
 
 def _filled(position: Floats, known: Bools, time: Floats) -> Floats:
