@@ -11,6 +11,8 @@ from physretarget.capture.actor import NV, PARENTS, SEGMENT, SEGMENTS, ActorShap
 from physretarget.kinematics import (
     PointTargets,
     Solution,
+    difference,
+    integrate,
     matrix_to_quat,
     quat_to_matrix,
     slerp,
@@ -88,19 +90,26 @@ def fit_poses(
 ) -> Solution:
     """The poses (T, 75) that bring the markers closest to ``position`` (T, K, 3).
 
-    What markers leave open follows ``prior`` (T, 75) where it is given, else anatomy.
+    What markers leave open follows anatomy and, where it is given, ``prior`` (T, 75).
     """
     tree = model.shape.tree()
     targets = PointTargets(
         model.segment + 1, model.local, position, model.weight if weight is None else weight
     )
-    along = np.repeat([0.0, _ALONG], [6, NV - 6])
+    rest, pull = tree.neutral()[None], pose_weights()
+    if prior is not None:
+        # Two pulls, to rest and to the prior, are one to the point between them.
+        pull[6:] += _ALONG
+        share = np.repeat([0.0, _ALONG], [6, NV - 6]) / np.maximum(pull, _ALONG)
+        rest = integrate(
+            tree, np.repeat(rest, len(prior), 0), share * difference(tree, rest, prior)
+        )
     return solve(
         tree,
         start,
         [targets],
-        prior=tree.neutral() if prior is None else prior,
-        prior_weight=pose_weights() if prior is None else along,
+        prior=rest,
+        prior_weight=pull,
         iterations=iterations,
         tolerance=tolerance,
     )
