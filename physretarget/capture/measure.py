@@ -215,7 +215,8 @@ class _Reader:
                     self.notes.append(f"the file does not turn the {side} {part}: held still")
                 return
             elif part != "clavicle":
-                self.notes.append(f"no joint was recognised as {side} {part}: held still")
+                name = part.replace("_", " ")
+                self.notes.append(f"no joint was recognised as {side} {name}: held still")
                 return
         if last is None:
             return
