@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
+from scipy.ndimage import maximum_filter1d
 
 from physretarget.capture.actor import (
     CONTACT_POINTS,
@@ -14,6 +15,7 @@ from physretarget.capture.actor import (
     ActorMotion,
     ActorShape,
 )
+from physretarget.capture.gaps import runs
 from physretarget.capture.marker_fit import estimate_height, fit_model, resized
 from physretarget.capture.marker_model import (
     Bools,
@@ -30,6 +32,8 @@ from physretarget.kinematics import continuous, forward, points, slerp
 
 _LEAST_ERROR = 0.012  # m; smaller errors are never suspicious
 _ROBUST_ROUNDS = 3
+_LEAP = 5.0  # m/s
+_AROUND_LEAP = 0.05  # s
 _LIMBS = {
     "trunk": ("pelvis", "chest"),
     **{
@@ -76,7 +80,8 @@ def fit_markers(
     fps = recording.source.fps
     notes = list(recording.notes)
     model, columns = _worn(recording, told, notes)
-    position = _short_gaps_filled(recording.position[:, columns], told.longest_gap * fps, notes)
+    position = _steps_blanked(recording.position[:, columns], fps, notes)
+    position = _short_gaps_filled(position, told.longest_gap * fps, notes)
     valid = _supported(model, position)
     if not valid.any():
         raise InputError("no frame shows enough markers for a pose", path=recording.source.path)
@@ -142,10 +147,27 @@ def _worn(
     return model, columns
 
 
-def _runs(mask: Bools) -> list[tuple[int, int]]:
-    """(start, stop) of every run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+def _steps_blanked(position: Floats, fps: float, notes: list[str]) -> Floats:
+    """Markers without the moments around a leap that no body makes.
+
+    Labelling software swaps markers or fills gaps badly: then one step is faster, by more
+    than 5 m/s, than the marker is two frames before and after.
+    """
+    if len(position) < 6:
+        return position
+    speed = np.linalg.norm(np.diff(position, axis=0), axis=-1) * fps
+    around = np.fmax(np.nan_to_num(speed[:-4]), np.nan_to_num(speed[4:]))
+    leap = np.zeros(position.shape[:2], dtype=bool)
+    leap[2:-3] = np.nan_to_num(speed[2:-2]) > around + _LEAP
+    if not leap.any():
+        return position
+    wide = max(1, round(_AROUND_LEAP * fps))
+    doubtful = maximum_filter1d(leap, size=2 * wide + 1, axis=0)
+    notes.append(
+        f"{int(leap.any(axis=0).sum())} markers leap in {int(leap.any(axis=1).sum())} frames: "
+        f"{1000 * _AROUND_LEAP:.0f} ms on either side were taken for gaps"
+    )
+    return np.where(doubtful[..., None], np.nan, position)
 
 
 def _short_gaps_filled(position: Floats, longest: float, notes: list[str]) -> Floats:
@@ -156,7 +178,7 @@ def _short_gaps_filled(position: Floats, longest: float, notes: list[str]) -> Fl
         seen = np.asarray(np.isfinite(position[:, k]).all(axis=-1))
         if seen.all():
             continue
-        gaps = _runs(~seen)
+        gaps = runs(~seen)
         short = [(a, b) for a, b in gaps if b - a <= longest and a > 0 and b < len(seen)]
         long += len(gaps) - len(short)
         if short and seen.sum() >= 2:
