@@ -107,7 +107,7 @@ def figure(
         position=position,
         rotation=rotation,
         com=com,
-        height=_height(parts, position[0], rotation[0]),
+        height=_tallest(parts, position, rotation),
         offset=offset,
         tint=tint,
         repaint=repaint,
@@ -215,6 +215,12 @@ def _lights(model: mujoco.MjModel) -> tuple[Light, ...]:
             )
         )
     return tuple(found)
+
+
+def _tallest(parts: tuple[Shape, ...], position: Array, rotation: Array) -> float:
+    """Height (m) of the figure at its tallest, looked at in some thirty frames of the motion."""
+    frames = np.unique(np.linspace(0, len(position) - 1, 32).astype(int))
+    return max(_height(parts, position[t], rotation[t]) for t in frames)
 
 
 def _height(parts: tuple[Shape, ...], position: Array, rotation: Array) -> float:

@@ -168,8 +168,8 @@ def variance_image(variance: Array) -> str:
 
     low, high = float(np.min(variance)), float(np.max(variance))
     part = (variance - low) / max(high - low, 1e-12)
-    # Only the paler three quarters of the map: lines must stay readable on it.
-    pixels = colormaps["PuBu"](0.02 + 0.72 * part)[::-1]
+    # Only the paler part of the map: lines must stay readable on it.
+    pixels = colormaps["PuBu"](0.02 + 0.58 * part)[::-1]
     content = io.BytesIO()
     imsave(content, pixels, format="png", metadata={"Software": None})
     return "data:image/png;base64," + base64.b64encode(content.getvalue()).decode("ascii")

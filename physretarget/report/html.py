@@ -105,8 +105,9 @@ def render_retarget_html(data: RetargetReport) -> str:
             title=f"{'Angular' if 'm²' in curves.unit else 'Linear'} momentum, {curves.axis}",
             unit=curves.unit,
             series=(
-                Series("actor, scaled", curves.target, "blue", dashed=True),
+                # Dashes come last, on top: two equal curves must both be seen.
                 Series(data.character_name, curves.achieved, "red"),
+                Series("actor, scaled", curves.target, "blue", dashed=True),
             ),
         )
         for k, curves in enumerate(data.momentum)
@@ -272,11 +273,11 @@ def _force_plots(data: RetargetReport) -> list[Chart]:
     charts = []
     for when, (title, required, supplied) in pairs.items():
         lines = [
-            Series("required", required, "blue", dashed=True),
             Series("contact model", supplied, "red"),
+            Series("required", required, "blue", dashed=True),
         ]
         if when == "after" and force.bound is not None:
-            lines.append(Series("best possible", force.bound, "green"))
+            lines.insert(0, Series("best possible", force.bound, "green"))
         rest = float(np.sqrt(np.nanmean((required - supplied) ** 2)))
         charts.append(
             Chart(

@@ -45,7 +45,7 @@ GROUPS: dict[str, str] = {
 
 
 def number(value: Any, digits: int = 3) -> str:
-    """A value as text: ``digits`` significant ones, no exponent between 1e-4 and 1e6."""
+    """A value as text with some significant digits, no exponent between 1e-4 and 1e6."""
     if value is None:
         return "–"
     if isinstance(value, bool):
@@ -56,12 +56,10 @@ def number(value: Any, digits: int = 3) -> str:
         return str(value)
     if not math.isfinite(value):
         return "–"
-    if value == 0:
-        return "0"
-    size = math.floor(math.log10(abs(value)))
-    if size < -4 or size >= 6:
-        return f"{value:.{digits - 1}e}"
-    return f"{value:.{max(digits - 1 - size, 0)}f}"
+    text = f"{value:.{digits}g}"
+    if "e" in text and 1e-4 <= abs(value) < 1e6:
+        text = f"{value:.0f}"
+    return text.replace("-", "−")
 
 
 def quantity(value: Any, unit: str) -> tuple[str, str]:

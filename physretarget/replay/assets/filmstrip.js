@@ -53,6 +53,12 @@
     function cellOf(name, text) {
       return Object.assign(document.createElement("div"), { className: name, textContent: text });
     }
+    /** How far the centre of mass is above its mean: jumps stay in the picture. */
+    function rise(figure, time) {
+      let sum = 0;
+      for (let k = 2; k < figure.com.length; k += 3) sum += figure.com[k];
+      return figure.comAt(time).z - sum / (figure.com.length / 3);
+    }
     function draw({ row, time, canvas }) {
       const figure = stage.figures[row.figure];
       figure.shown = true;
@@ -60,10 +66,10 @@
       stage.solo(row.figure);
       const at = figure.comAt(time, figure.smooth), s = figure.height;
       stage.world.around(at.x, at.y, s);
-      camera.position.set(at.x + 2.0 * s, at.y - 1.5 * s, 1.1 * s);
+      camera.position.set(at.x + 1.95 * s, at.y - 1.45 * s, 1.05 * s);
       camera.near = 0.02 * s; camera.far = 100 * s;
       camera.aspect = size.width / size.height;
-      camera.lookAt(at.x, at.y, 0.5 * s);
+      camera.lookAt(at.x, at.y, 0.49 * s + 0.5 * rise(figure, time));
       camera.updateProjectionMatrix();
       renderer.render(stage.world.scene, camera);
       const pen = canvas.getContext("2d");

@@ -192,7 +192,17 @@
         renderer.render(stage.world.scene, this.lens);
         if (alone) this.placeTag(this.tags[index], x, y);
       }
+      this.rule(views, width);
       if (views[0].index === undefined) this.tagsOverFigures(width, height, spread);
+    }
+    /** Thin rules between the views. */
+    rule(views, width) {
+      const key = views.map((v) => v.box.join()).join(";");
+      if (key === this.ruled) return;
+      this.ruled = key;
+      this.rules.replaceChildren(...views.slice(1).map(({ box: [x, y, w, h] }) => el("div", {
+        class: "pr-rule", style: x > 0 ? `left:${x}px;top:0;width:1px;height:${h}px`
+          : `left:0;top:${y}px;width:${w}px;height:1px` })));
     }
     placeTag(tag, x, y) {
       tag.style.transform = `translate(${x + 14}px, ${y + 12}px)`;
@@ -237,7 +247,8 @@
       const many = this.stage.figures.length > 1;
       const tags = el("div", { class: "pr-tags" }, ...(many ? this.tags : []));
       this.alerts = el("div", { class: "pr-alerts", "aria-live": "polite" });
-      this.view.append(tags, this.alerts);
+      this.rules = el("div");
+      this.view.append(this.rules, tags, this.alerts);
     }
     showFigure(figure, on) {
       const others = this.stage.figures.some((f) => f !== figure && f.shown);
@@ -270,10 +281,10 @@
         this.button("back", "Previous frame (left arrow)", () => this.seekFrame(this.frame - 1)),
         this.button("next", "Next frame (right arrow)", () => this.seekFrame(this.frame + 1)),
         this.loopButton, this.speedSelect, this.clockText,
-        el("span", { class: "pr-space" }), ...this.layoutControl(), ...this.figureChips(),
-        ...this.toggleButtons(),
-        this.button("home", "Reset the camera (R)", () => this.resetCamera()),
-        this.button("full", "Full screen", () => this.fullScreen()));
+        el("div", { class: "pr-options" }, ...this.layoutControl(), ...this.figureChips(),
+          ...this.toggleButtons(),
+          this.button("home", "Reset the camera (R)", () => this.resetCamera()),
+          this.button("full", "Full screen", () => this.fullScreen())));
       this.root.append(this.buildTimeline(), controls);
       this.setLoop(this.loop);
       this.showPlaying();
@@ -437,7 +448,7 @@
       const theme = () => { this.stage.world.theme(dark.matches); this.dirty = true; };
       dark.addEventListener("change", theme);
       theme();
-      new ResizeObserver(fit).observe(this.view);
+      new ResizeObserver(() => requestAnimationFrame(fit)).observe(this.view);
       this.visible = true;
       new IntersectionObserver(([entry]) => {
         this.visible = entry.isIntersecting;

@@ -52,6 +52,7 @@
     chart.now = Object.assign(document.createElement("div"), { className: "now-line" });
     chart.over.append(chart.now);
     placeNow();
+    chart.setLegend({ idx: player.frame });
     let from = null;
     chart.over.addEventListener("mousedown", (event) => { from = event.clientX; });
     chart.over.addEventListener("click", (event) => {
@@ -64,6 +65,7 @@
     grid: { stroke: () => ink("line"), width: 1 }, ticks: { stroke: () => ink("line"), width: 1, size: 5 },
     ...more,
   });
+  const seconds = () => axis({ size: 32, values: (u, splits) => splits.map((v) => `${+v.toFixed(3)} s`) });
   function base(height) {
     return {
       width: 400, height, padding: [10, 12, 0, 0],
@@ -91,6 +93,12 @@
         pen.lineTo(u.bbox.left + u.bbox.width, y);
         pen.stroke();
         pen.textAlign = "right";
+        pen.save();
+        pen.setLineDash([]);
+        pen.lineWidth = 4 * ratio;
+        pen.strokeStyle = ink("card"); // a halo keeps the words readable over lines
+        pen.strokeText(label, u.bbox.left + u.bbox.width - 4 * ratio, y - 4 * ratio);
+        pen.restore();
         pen.fillText(label, u.bbox.left + u.bbox.width - 4 * ratio, y - 4 * ratio);
       }
       pen.restore();
@@ -103,7 +111,7 @@
     columns.push(...values);
     if (chart.range) options.scales.y = { range: chart.range };
     options.axes = [
-      axis({ values: (u, splits) => splits.map((v) => `${+v.toFixed(3)} s`) }),
+      seconds(),
       axis({ size: 54, label: chart.unit, labelSize: 20, labelFont: "12px system-ui, sans-serif" }),
     ];
     options.series = [{ label: "time", value: (u, v) => v == null ? "–" : `${v.toFixed(2)} s` },
@@ -116,13 +124,13 @@
     charts.push(new uPlot(options, columns, root));
   }
   function laneChart(root, chart) {
-    const row = 22, rows = chart.lanes.length, options = base(rows * row + 40);
+    const row = 22, rows = chart.lanes.length, options = base(rows * row + 46);
     options.scales.y = { range: [0, rows] };
     options.legend = { show: false };
     options.cursor.points = { show: false };
     const width = Math.min(130, 22 + 7.2 * Math.max(...chart.lanes.map((l) => l.label.length)));
     options.axes = [
-      axis({ values: (u, splits) => splits.map((v) => `${+v.toFixed(3)} s`) }),
+      seconds(),
       axis({ size: width, splits: () => chart.lanes.map((_, i) => rows - i - 0.5),
         values: () => chart.lanes.map((l) => l.label), grid: { show: false }, ticks: { show: false } }),
     ];
@@ -151,13 +159,14 @@
       if (!chart) continue;
       (chart.lanes ? laneChart : lineChart)(root, chart);
       const made = charts[charts.length - 1];
-      new ResizeObserver(([entry]) => {
-        const width = Math.floor(entry.contentRect.width);
-        if (width > 50 && width !== made.width) {
-          made.setSize({ width, height: made.height });
-          placeNow();
-        }
-      }).observe(root);
+      const fit = () => {
+        const width = Math.floor(root.clientWidth);
+        if (width < 50 || width === made.width) return;
+        made.setSize({ width, height: made.height });
+        placeNow();
+      };
+      fit();
+      new ResizeObserver(() => requestAnimationFrame(fit)).observe(root);
     }
   }
 
@@ -182,6 +191,9 @@
   const spans = rows.map((row, i) => data.spans[i]);
   function follow(seconds, at) {
     placeNow();
+    for (const chart of charts) { // the legend tells the values now, or under the mouse
+      if (chart.now && chart.legend.idx !== at && chart.cursor.left < 0) chart.setLegend({ idx: at });
+    }
     for (const map of maps) {
       map.now.setAttribute("cx", map.points[2 * at]);
       map.now.setAttribute("cy", map.points[2 * at + 1]);

@@ -1,0 +1,242 @@
+"""A scene as one MuJoCo model, for the two screens that MuJoCo draws: video and window.
+
+Every body of every figure becomes a mocap body that is put where the track says; nothing is
+simulated. So both screens draw exactly what the browser draws, whatever models the figures had.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from physretarget.replay.scene import Array, Figure, Scene, Shape
+
+_TYPES = {
+    "box": mujoco.mjtGeom.mjGEOM_BOX,
+    "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
+    "ellipsoid": mujoco.mjtGeom.mjGEOM_ELLIPSOID,
+    "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
+    "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
+    "mesh": mujoco.mjtGeom.mjGEOM_MESH,
+}
+NEUTRAL = (0.78, 0.80, 0.84)
+FORCE_RGBA = np.array([0.07, 0.71, 0.65, 1.0], dtype=np.float32)
+CONTACT_RGBA = np.array([0.09, 0.78, 0.52, 1.0], dtype=np.float32)
+# One body weight is drawn as long as 0.45 of the figure's height, as in the browser.
+FORCE_SCALE = 0.45
+_TOO_SMALL_FOR_A_MESH = 4
+
+
+class Stage:
+    """The compiled model of a scene and the means to pose it at a time.
+
+    ``size`` m is the height of its tallest shown figure, for cameras.
+    """
+
+    def __init__(self, scene: Scene, *, width: int = 1280, height: int = 720) -> None:
+        self.scene = scene
+        self.figures = tuple(f for f in scene.figures if not f.hidden) or scene.figures[:1]
+        self.size = max(f.height for f in self.figures)
+        self.model = _model(self.figures, self.size, width, height)
+        self.data = mujoco.MjData(self.model)
+        self._mocap = [_mocap_ids(self.model, k, f) for k, f in enumerate(self.figures)]
+
+    def pose(self, seconds: float) -> int:
+        """Put everything where it is at a time; returns the frame on the clock."""
+        frame, part = self.scene.clock.between(seconds)
+        after = min(frame + 1, self.scene.clock.frames - 1)
+        for figure, (bodies, ids) in zip(self.figures, self._mocap, strict=True):
+            position = _blend(figure.position[:, bodies], frame, after, part)
+            self.data.mocap_pos[ids] = position + self.offset(figure)
+            rotation = _blend(figure.rotation[:, bodies], frame, after, part)
+            self.data.mocap_quat[ids] = rotation / np.linalg.norm(rotation, axis=1, keepdims=True)
+        mujoco.mj_kinematics(self.model, self.data)
+        mujoco.mj_camlight(self.model, self.data)
+        return frame
+
+    def offset(self, figure: Figure) -> Array:
+        """Where a figure stands; MuJoCo's screens have one view, so split means one stage."""
+        if self.scene.layout == "overlay" or len(self.figures) == 1:
+            return np.zeros(3)
+        return np.array(figure.offset)
+
+    def middle(self, seconds: float) -> Array:
+        """Mean centre of mass (3,) of the shown figures, for cameras that follow."""
+        frame, part = self.scene.clock.between(seconds)
+        after = min(frame + 1, self.scene.clock.frames - 1)
+        centres = [_blend(f.com, frame, after, part) + self.offset(f) for f in self.figures]
+        return np.asarray(np.mean(centres, axis=0), dtype=np.float64)
+
+    def extent(self) -> float:
+        """Distance (m) that a camera must see: height, and the figures' places."""
+        places = np.array([self.offset(f)[:2] for f in self.figures])
+        spread = float(np.max(np.ptp(places, axis=0))) if len(places) > 1 else 0.0
+        return max(self.size, 0.7 * self.size + spread)
+
+    def draw_over(self, scene: mujoco.MjvScene, frame: int) -> None:
+        """Add force arrows and standing contact points of a frame to a picture."""
+        for figure, (bodies, ids) in zip(self.figures, self._mocap, strict=True):
+            self._arrows(scene, figure, frame)
+            self._contacts(scene, figure, frame, dict(zip(bodies, ids, strict=True)))
+
+    def _arrows(self, scene: mujoco.MjvScene, figure: Figure, frame: int) -> None:
+        if figure.forces is None:
+            return
+        offset = self.offset(figure)
+        for origin, vector in zip(
+            figure.forces.origin[frame], figure.forces.vector[frame], strict=True
+        ):
+            length = float(np.linalg.norm(vector))
+            if not np.isfinite(origin).all() or not 0.01 < length < np.inf:
+                continue
+            start = origin + offset
+            geom = _extra(scene, mujoco.mjtGeom.mjGEOM_ARROW, FORCE_RGBA)
+            if geom is not None:
+                end = start + FORCE_SCALE * figure.height * vector
+                width = 0.014 * figure.height
+                mujoco.mjv_connector(geom, mujoco.mjtGeom.mjGEOM_ARROW, width, start, end)
+
+    def _contacts(
+        self, scene: mujoco.MjvScene, figure: Figure, frame: int, ids: dict[int, int]
+    ) -> None:
+        contacts = figure.contacts
+        if contacts is None or contacts.active is None:
+            return
+        for k in np.flatnonzero(contacts.active[frame]):
+            at = ids.get(int(contacts.body[k]))
+            geom = _extra(scene, mujoco.mjtGeom.mjGEOM_SPHERE, CONTACT_RGBA)
+            if at is None or geom is None:
+                continue
+            place = np.empty(3)
+            mujoco.mju_rotVecQuat(place, contacts.local[k], self.data.mocap_quat[at])
+            geom.pos[:] = place + self.data.mocap_pos[at]
+            geom.size[:] = 0.016 * figure.height
+
+
+def _extra(
+    scene: mujoco.MjvScene, kind: mujoco.mjtGeom, rgba: NDArray[np.float32]
+) -> mujoco.MjvGeom | None:
+    """One more decorative geom in a picture, None when it is full."""
+    if scene.ngeom >= scene.maxgeom:
+        return None
+    geom = scene.geoms[scene.ngeom]
+    mujoco.mjv_initGeom(geom, kind, np.zeros(3), np.zeros(3), np.eye(3).ravel(), rgba)
+    geom.emission = 0.4
+    scene.ngeom += 1
+    return geom
+
+
+def _blend(track: Array, frame: int, after: int, part: float) -> Array:
+    return np.asarray((1 - part) * track[frame] + part * track[after], dtype=np.float64)
+
+
+def _body_name(figure: int, body: int) -> str:
+    return f"f{figure}b{body}"
+
+
+def _mocap_ids(model: mujoco.MjModel, index: int, figure: Figure) -> tuple[list[int], list[int]]:
+    bodies = sorted({shape.body for shape in figure.shapes})
+    ids = [int(model.body_mocapid[model.body(_body_name(index, body)).id]) for body in bodies]
+    return bodies, ids
+
+
+def _model(figures: tuple[Figure, ...], size: float, width: int, height: int) -> mujoco.MjModel:
+    spec = mujoco.MjSpec()
+    spec.modelname = "stage"
+    quality = spec.visual
+    quality.global_.offwidth, quality.global_.offheight = width, height
+    quality.global_.fovy = 30.0
+    quality.quality.shadowsize = 4096
+    quality.headlight.ambient[:] = 0.38
+    quality.headlight.diffuse[:] = 0.28
+    quality.headlight.specular[:] = 0.05
+    quality.map.znear, quality.map.zfar, quality.map.shadowclip = 0.01, 60.0, 1.6
+    quality.rgba.haze[:] = (0.90, 0.92, 0.95, 1.0)
+    spec.stat.extent, spec.stat.center[:] = 2.0 * size, (0.0, 0.0, 0.5 * size)
+    _surroundings(spec, size)
+    for k, figure in enumerate(figures):
+        _add_figure(spec, k, figure)
+    return spec.compile()
+
+
+def _surroundings(spec: mujoco.MjSpec, size: float) -> None:
+    """A pale studio: gradient sky, metre tiles, one key light with shadows."""
+    spec.add_texture(
+        name="sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=[0.95, 0.96, 0.98],
+        rgb2=[0.80, 0.84, 0.90],
+        width=256,
+        height=1536,
+    )
+    spec.add_texture(
+        name="tiles",
+        type=mujoco.mjtTexture.mjTEXTURE_2D,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT,
+        mark=mujoco.mjtMark.mjMARK_EDGE,
+        rgb1=[0.84, 0.87, 0.91],
+        rgb2=[0.84, 0.87, 0.91],
+        markrgb=[0.62, 0.67, 0.75],
+        width=512,
+        height=512,
+    )
+    floor = spec.add_material(name="floor", texrepeat=[2, 2], texuniform=True, reflectance=0.06)
+    floor.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "tiles"
+    spec.worldbody.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=[40, 40, 0.1],
+        material="floor",
+        contype=0,
+        conaffinity=0,
+    )
+    spec.worldbody.add_light(
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+        pos=[1.5 * size, 1.1 * size, 4 * size],
+        dir=[-0.42, -0.3, -0.86],
+        diffuse=[0.55, 0.53, 0.50],
+        specular=[0.3, 0.3, 0.3],
+        castshadow=True,
+    )
+
+
+def _add_figure(spec: mujoco.MjSpec, index: int, figure: Figure) -> None:
+    bodies = {
+        body: spec.worldbody.add_body(name=_body_name(index, body), mocap=True)
+        for body in sorted({shape.body for shape in figure.shapes})
+    }
+    for number, shape in enumerate(figure.shapes):
+        _add_shape(spec, bodies[shape.body], figure, shape, f"f{index}s{number}")
+
+
+def _add_shape(
+    spec: mujoco.MjSpec, body: mujoco.MjsBody, figure: Figure, shape: Shape, name: str
+) -> None:
+    painted = figure.repaint or not shape.declared
+    color = figure.tint if painted and figure.tint else shape.rgba[:3]
+    if not shape.declared and figure.tint is None:
+        color = NEUTRAL
+    spec.add_material(
+        name=name,
+        rgba=[*color, shape.rgba[3] * figure.opacity],
+        emission=shape.emission,
+        shininess=shape.gloss,
+        specular=0.5 * shape.gloss,
+    )
+    common = {
+        "pos": shape.position,
+        "quat": shape.rotation,
+        "material": name,
+        "contype": 0,
+        "conaffinity": 0,
+    }
+    if shape.vertices is None or shape.faces is None:
+        body.add_geom(type=_TYPES[shape.kind], size=shape.size, **common)
+        return
+    if len(shape.vertices) < _TOO_SMALL_FOR_A_MESH:
+        return
+    mesh = spec.add_mesh(name=name, uservert=shape.vertices.ravel(), userface=shape.faces.ravel())
+    # Lengths, not volumes, matter here; open shells such as a lampshade have no volume.
+    mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+    body.add_geom(type=_TYPES["mesh"], meshname=name, **common)
