@@ -1,0 +1,189 @@
+"""The residuals of one frame, exact derivatives by CasADi, mapped over all frames.
+
+Raising the root by Δz(t) changes inverse dynamics exactly affinely: with the root's vertical
+acceleration grown by Δz̈ the force grows by ``m Δz̈`` and the moment about the root by
+``(com - root) x (0, 0, m Δz̈)``; nothing else moves. So everything that a frame's residuals need
+is known from one pass of inverse dynamics, and they depend on three numbers alone,
+(Δz, Δż, Δz̈), which are linear in the weights of the bumps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from physretarget.ocp.contact_model import friction_force, normal_force
+from physretarget.ocp.settings import ContactModel, RootHeightSettings
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene:
+    """What is known of a clip before its root is raised. T frames, P contact points.
+
+    force, moment: (T, 3) required at the root, N and N m about the root.
+    arm: (T, 3) centre of mass minus root, m.
+    contact: (T, P, 3) contact points minus root, world axes, m; ``height`` (T, P) above the
+    floor, m; ``velocity`` (T, P, 3) m/s.
+    active: (T, P) which points are meant to touch.
+    mass kg, weight N, size m (the character's height), friction μ.
+    pose_offset, pose_spread: (T,) mean vertical error of the features and its standard
+    deviation, m, or None where the mapper knows none; ``features``: points that it speaks of.
+    """
+
+    force: Array
+    moment: Array
+    arm: Array
+    contact: Array
+    height: Array
+    velocity: Array
+    active: NDArray[np.bool_]
+    mass: float
+    weight: float
+    size: float
+    friction: float
+    pose_offset: Array | None = None
+    pose_spread: Array | None = None
+    features: int = 1
+
+    @property
+    def frames(self) -> int:
+        """Number of frames."""
+        return int(self.force.shape[0])
+
+    @property
+    def flight(self) -> NDArray[np.bool_]:
+        """(T,) frames in which no point is meant to touch."""
+        return ~self.active.any(axis=1)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Residuals r (T, R) and contact wrenches as functions of s = (Δz, Δż, Δz̈) (T, 3)."""
+
+    residuals: Any
+    wrench: Any
+    parameters: Array
+    model: ContactModel
+    rows: int
+
+    def evaluate(self, motion: tuple[Array, ...], f0: float) -> tuple[Array, Array]:
+        """Residuals (T, R) and their derivatives by Δz, Δż, Δz̈ (T, R, 3)."""
+        r, jacobian = self.residuals(np.stack(motion), self.parameters, f0)
+        frames = self.parameters.shape[1]
+        values = np.asarray(r.full()).T
+        slopes = np.asarray(jacobian.full()).reshape(self.rows, frames, 3)
+        return values, np.ascontiguousarray(slopes.transpose(1, 0, 2))
+
+    def contact_wrench(self, motion: tuple[Array, ...]) -> tuple[Array, Array]:
+        """Force (T, 3) and moment about the root (T, 3) of the contact model."""
+        both = np.asarray(
+            self.wrench(np.stack(motion), self.parameters, self.model.residual).full()
+        ).T
+        return both[:, :3], both[:, 3:]
+
+
+def build(scene: Scene, settings: RootHeightSettings) -> Problem:
+    """Set the problem up for one clip."""
+    points = scene.height.shape[1]
+    model = settings.contact_model(scene.weight, scene.size, points, scene.friction)
+    known, layout = _known(scene, settings)
+    s = ca.SX.sym("s", 3)
+    p = ca.SX.sym("p", known.shape[0])
+    f0 = ca.SX.sym("f0")
+    part = {name: p[rows] for name, rows in layout.items()}
+    force, moment = _contact(s, part, points, model, f0)
+    r = _residuals(s, part, force, moment, scene, settings)
+    frame = ca.Function("frame", [s, p, f0], [r, ca.jacobian(r, s)])
+    wrench = ca.Function("wrench", [s, p, f0], [ca.vertcat(force, moment)])
+    return Problem(
+        _mapped(frame, scene.frames),
+        _mapped(wrench, scene.frames),
+        known,
+        model,
+        int(r.shape[0]),
+    )
+
+
+def _mapped(function: Any, frames: int) -> Any:
+    """Over all frames; the third argument, f0, is shared."""
+    return function.map(f"{function.name()}_{frames}", "serial", frames, [2], [])
+
+
+def _known(scene: Scene, settings: RootHeightSettings) -> tuple[Array, dict[str, slice]]:
+    """Per-frame parameters (p, T) and which rows hold what."""
+    frames = scene.frames
+    pose = np.zeros((frames, 2))  # mean error, 1 / spread
+    if scene.pose_offset is not None and scene.pose_spread is not None:
+        pose[:, 0] = scene.pose_offset
+        pose[:, 1] = 1.0 / np.maximum(scene.pose_spread, settings.pose_floor * scene.size)
+    blocks = {
+        "force": scene.force,
+        "moment": scene.moment,
+        "arm": scene.arm,
+        "contact": scene.contact.reshape(frames, -1),
+        "height": scene.height,
+        "velocity": scene.velocity.reshape(frames, -1),
+        "flight": scene.flight[:, None].astype(np.float64),
+        "pose": pose,
+    }
+    layout, start = {}, 0
+    for name, block in blocks.items():
+        layout[name] = slice(start, start + block.shape[1])
+        start += block.shape[1]
+    return np.concatenate(list(blocks.values()), axis=1).T.copy(), layout
+
+
+def _contact(
+    s: Any, part: dict[str, Any], points: int, model: ContactModel, f0: Any
+) -> tuple[Any, Any]:
+    """Force and moment about the root of all contact points, the root raised by s."""
+    force, moment = ca.SX.zeros(3), ca.SX.zeros(3)
+    for i in range(points):
+        velocity = part["velocity"][3 * i : 3 * i + 3]
+        normal = normal_force(part["height"][i] + s[0], velocity[2] + s[1], model, f0)
+        push = ca.vertcat(friction_force(velocity[:2], normal, model), normal)
+        force += push
+        moment += ca.cross(part["contact"][3 * i : 3 * i + 3], push)
+    return force, moment
+
+
+def _residuals(
+    s: Any,
+    part: dict[str, Any],
+    force: Any,
+    moment: Any,
+    scene: Scene,
+    settings: RootHeightSettings,
+) -> Any:
+    """All rows of r; the cost is ½|r|² over all frames (Yamane 2010 eqs. (11), (12), (15))."""
+    unit_force = scene.weight if settings.dimensionless else 1.0
+    unit_moment = scene.weight * scene.size if settings.dimensionless else 1.0
+    inertia = ca.vertcat(0, 0, scene.mass * s[2])
+    required = part["force"] + inertia
+    required_moment = part["moment"] + ca.cross(part["arm"], inertia)
+    gap, gap_moment = (required - force) / unit_force, (required_moment - moment) / unit_moment
+    rows = [settings.vertical * gap[2]]
+    if settings.horizontal > 0:
+        rows += [settings.horizontal * gap[0], settings.horizontal * gap[1]]
+    if settings.moment > 0:
+        rows += [settings.moment * gap_moment[i] for i in range(3)]
+    if settings.flight > 0:
+        rows.append(settings.flight * part["flight"] * required[2] / unit_force)
+    if settings.displacement > 0:
+        rows.append(settings.displacement * s[0] / scene.size)
+    if settings.roughness > 0:
+        rows.append(settings.roughness * s[2] / (scene.weight / scene.mass))
+    if settings.pose > 0 and scene.pose_spread is not None:
+        # each of the features has the same spread: their squares add up to one square
+        weight = (settings.pose * scene.features) ** 0.5
+        rows.append(weight * (s[0] + part["pose"][0]) * part["pose"][1])
+    if np.isfinite(settings.limit):
+        beyond = ca.fabs(s[0]) / scene.size - 0.95 * settings.limit
+        rows.append(100.0 * ca.fmax(beyond, 0.0))
+    return ca.vertcat(*rows)

@@ -1,0 +1,72 @@
+"""A clip as the root-height problem sees it: one pass of kinematics and inverse dynamics."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physretarget import kinematics
+from physretarget.errors import InputError
+from physretarget.mjcf import Character
+from physretarget.mjcf.dynamics import derivatives, required_wrench
+from physretarget.ocp.basis import differences
+from physretarget.ocp.problem import Scene
+
+Array = NDArray[np.float64]
+
+
+def scene_of(
+    character: Character,
+    qpos: Array,
+    time: Array,
+    active: NDArray[np.bool_],
+    pose_error: Array | None = None,
+    pose_variance: Array | None = None,
+) -> Scene:
+    """What a clip qpos (T, nq) requires of the floor, and where its contact points are.
+
+    ``active`` (T, P): which contact points are meant to touch. ``pose_error`` (T, 3K) m and
+    ``pose_variance`` (T,) m² are what the mapper says of the features.
+    """
+    if not character.has_root:
+        raise InputError(f"{character.name} has no free root joint whose height could change")
+    points = len(character.contacts)
+    if points == 0:
+        raise InputError(f"{character.name} declares no contact points (sites 'contact_*')")
+    if active.shape != (len(qpos), points):
+        raise InputError(
+            f"contact phases have shape {active.shape}, not ({len(qpos)}, {points}) as needed"
+        )
+    wrench = required_wrench(character, qpos, *derivatives(character, qpos, time))
+    pose = kinematics.forward(character.tree, qpos)
+    contact = kinematics.points(pose, character.contacts.body, character.contacts.local)
+    step = float(time[-1] - time[0]) / (len(time) - 1)
+    rate, _ = differences(len(qpos), step)
+    velocity = (rate @ contact.reshape(len(qpos), -1)).reshape(contact.shape)
+    offset, spread, features = _pose_knowledge(pose_error, pose_variance)
+    return Scene(
+        force=wrench.force,
+        moment=wrench.moment,
+        arm=wrench.com - wrench.root,
+        contact=contact - wrench.root[:, None],
+        height=contact[..., 2] - character.floor_height,
+        velocity=velocity,
+        active=active,
+        mass=character.mass,
+        weight=character.weight,
+        size=character.height,
+        friction=character.friction,
+        pose_offset=offset,
+        pose_spread=spread,
+        features=features,
+    )
+
+
+def _pose_knowledge(
+    error: Array | None, variance: Array | None
+) -> tuple[Array | None, Array | None, int]:
+    """Raising the root shifts all features' heights alike: their mean error and its spread."""
+    if error is None or variance is None or not np.isfinite(variance).all():
+        return None, None, 1
+    heights = error.reshape(len(error), -1, 3)[..., 2]
+    return heights.mean(axis=1), np.sqrt(np.maximum(variance, 1e-12)), heights.shape[1]
