@@ -265,13 +265,17 @@ def _followed(
         weight = np.broadcast_to(weight, (len(qpos), len(sole.local)))
         bodies = np.full(len(sole.local), sole.body)
         targets.append(PointTargets(bodies, sole.local, track.points(sole), weight))
+    # Joints that the points leave undetermined (the twist of a straight leg) stay put.
+    prior = np.full(character.tree.nv, settings.joint_weight * character.height**2)
+    if character.has_root:
+        prior[character.root_dof : character.root_dof + 6] = 0.0
     found = kinematics.solve(
         character.tree,
         qpos,
         targets,
         lower=character.lower,
         upper=character.upper,
-        prior_weight=1e-4,
+        prior_weight=prior,
         iterations=20,
         tolerance=1e-4,
     )

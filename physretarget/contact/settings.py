@@ -36,6 +36,7 @@ class ContactSettings:
     settle: time over which a body's tilt changes when other points become planted, s.
     stance_weight: weight of planted points against 1 for each virtual marker;
         flight_weight: of the same points in flight, fading over ``fade`` s from the stance.
+    joint_weight: of a joint's change, per rad² and height².
     """
 
     same_place: float = 0.06
@@ -54,5 +55,6 @@ class ContactSettings:
     stance_weight: float = 1e4
     flight_weight: float = 1e2
     fade: float = 0.15
+    joint_weight: float = 0.05
     blend: Blend = "ballistic"
     gravity: float = 9.81
