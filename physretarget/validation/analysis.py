@@ -1,0 +1,154 @@
+"""Everything that rules and measures read, computed once per clip and frame.
+
+The clip is worked through in chunks: what a chunk needs in poses, contact points and forces
+is dropped when its per-frame results are kept, so that memory grows with the clip only by
+the results (a few hundred bytes a frame).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physretarget.clip import Clip
+from physretarget.kinematics import slerp
+from physretarget.mjcf import Character, lowpass
+from physretarget.validation.chunk import Chunk, Workspace, analyse_chunk
+from physretarget.validation.smoothness import WINDOW_S
+
+if TYPE_CHECKING:
+    from physretarget.validation.config import Settings
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+CHUNK = 1024
+# Frames beyond a chunk's ends that differences of third order reach, on top of a window.
+_HALO = 6
+# Beyond this the time axis is not uniform (rounding of text files stays below).
+_UNIFORM = 1e-3
+_TOLERANCE, _TOLERANCE_OF_HEIGHT = 0.02, 0.03
+
+
+@dataclass(frozen=True, eq=False)
+class Analysis:
+    """Per-frame results; forces in body weights, moments in body weight times CoM height.
+
+    ``time`` (T,) s is uniform. ``series`` maps a name to (T,) or (T, n) arrays, see
+    :class:`physretarget.validation.chunk.Chunk` for their meanings; a missing name could not
+    be computed and ``missing`` says why. ``raw`` (T, nq) is the clip before the filter.
+    """
+
+    clip: Clip
+    character: Character
+    settings: Settings
+    time: Floats
+    fps: float
+    tolerance: float
+    friction: float
+    raw: Floats
+    work: Workspace
+    series: dict[str, NDArray[np.generic]] = field(default_factory=dict)
+    uneven: Floats = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def frames(self) -> int:
+        """Number of frames."""
+        return len(self.time)
+
+    @property
+    def has(self) -> frozenset[str]:
+        """Names of the series that could be computed."""
+        return frozenset(self.series)
+
+    def __getitem__(self, name: str) -> Floats:
+        """A series as float64."""
+        return np.asarray(self.series[name], dtype=np.float64)
+
+    def ints(self, name: str) -> Ints:
+        """A series of indices."""
+        return np.asarray(self.series[name], dtype=np.int64)
+
+    def flags(self, name: str) -> NDArray[np.bool_]:
+        """A series of booleans."""
+        return np.asarray(self.series[name], dtype=np.bool_)
+
+    def clip_frame(self, frame: int) -> int:
+        """The clip's own frame nearest to a frame of the (uniform) analysis."""
+        if len(self.uneven) == 0:
+            return frame
+        return int(np.argmin(np.abs(self.clip.time - self.clip.time[0] - self.time[frame])))
+
+    def body_name(self, body: int) -> str:
+        """A body's name, or its number where it has none."""
+        return self.character.model.body(int(body)).name or f"body{int(body)}"
+
+    @cached_property
+    def judges_forces(self) -> bool:
+        """Whether contact forces could be looked for at all."""
+        return "unexplained_force" in self.series
+
+    @cached_property
+    def no_forces_because(self) -> str:
+        """Why not."""
+        if not self.character.has_root:
+            return "the model has no free joint: its base is held by the world"
+        if self.frames < 4:
+            return f"accelerations need at least 4 frames, the clip has {self.frames}"
+        return "the model has no contact geometry"
+
+
+def analyse(clip: Clip, character: Character, settings: Settings) -> Analysis:
+    """Compute every series of a clip.
+
+    Raises UsageError where the filter does not fit the frame rate, InputError where the clip
+    does not fit the model.
+    """
+    time, raw, uneven = _uniform(clip, character)
+    fps = (len(time) - 1) / float(time[-1] - time[0]) if len(time) > 1 else 0.0
+    judged = raw
+    if settings.lowpass_hz is not None and len(time) > 1:
+        judged = lowpass(character, raw, fps, settings.lowpass_hz)
+    height = max(character.com_height, 1e-3)
+    tolerance = settings.contact_tolerance_m or min(_TOLERANCE, _TOLERANCE_OF_HEIGHT * height)
+    friction = settings.friction or character.friction
+    work = Workspace.build(character, tolerance=tolerance, friction=friction)
+    kept: list[dict[str, NDArray[np.generic]]] = []
+    halo = _HALO + math.ceil(WINDOW_S * fps / 2)
+    for first in range(0, len(time), CHUNK):
+        last = min(first + CHUNK, len(time))
+        start, stop = max(0, first - halo), min(len(time), last + halo)
+        chunk = Chunk(
+            qpos=judged[start:stop], raw=raw[start:stop], time=time[start:stop],
+            keep=slice(first - start, last - start),
+        )  # fmt: skip
+        kept.append(analyse_chunk(work, chunk))
+    series = {name: np.concatenate([part[name] for part in kept]) for name in kept[0]}
+    return Analysis(
+        clip=clip, character=character, settings=settings, time=time, fps=fps,
+        tolerance=tolerance, friction=friction, raw=raw, work=work, series=series, uneven=uneven,
+    )  # fmt: skip
+
+
+def _uniform(clip: Clip, character: Character) -> tuple[Floats, Floats, Floats]:
+    """The clip on a uniform time axis: itself, or resampled at its mean rate."""
+    time = clip.time - clip.time[0]
+    if len(time) < 3:
+        return time, clip.qpos, np.zeros(0)
+    step = time[-1] / (len(time) - 1)
+    deviation = np.abs(np.diff(time) - step) / step
+    even = np.arange(len(time)) * step
+    if deviation.max() <= _UNIFORM:
+        return even, clip.qpos, np.zeros(0)
+    after = np.clip(np.searchsorted(time, even, side="right"), 1, len(time) - 1)
+    share = (even - time[after - 1]) / (time[after] - time[after - 1])
+    before, behind = clip.qpos[after - 1], clip.qpos[after]
+    qpos = before + share[:, None] * (behind - before)
+    for columns in character.tree.quats[0]:
+        qpos[:, columns] = slerp(before[:, columns], behind[:, columns], share)
+    return even, qpos, deviation

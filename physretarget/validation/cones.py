@@ -1,0 +1,271 @@
+"""Contact forces that best explain a wrench: an exact, batched second-order cone fit.
+
+For every frame, with n touching points p_i, friction mu and a wrench b (6,):
+
+    minimise  1/2 |sum_i A_i f_i - b|^2 + 1/2 sum_i rho_i |S f_i|^2   over  |f_it| <= mu f_iz
+
+A_i = [1; (p_i - c)x / h] maps a force to force and moment about c, the moment scaled by a
+height h, so that both halves count in body weights. S = diag(1, 1, mu) makes the cone its own
+dual. rho (about 1e-6) makes the forces unique and lets the caller prefer some points; it moves
+the residual by that order only.
+
+The dual has six unknowns however many points there are. With y the residual b - sum A_i f_i
+and P the projection on the second-order cone,
+
+    phi(y) = 1/2 |y|^2 - b.y + sum_i |P(z_i)|^2 / (2 rho_i),  z_i = S^-1 A_i^T y,
+    S f_i = P(z_i) / rho_i
+
+is strongly convex with a piecewise smooth gradient: a semismooth Newton method with a line
+search solves all frames at once (Qi and Sun 1993). The few frames where it zigzags are
+solved along a smoothed projection (Fukushima, Luo and Tseng 2002) whose width goes to zero.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+RHO = 1e-6
+_TOLERANCE = 1e-9
+_ITERATIONS = 25
+_PATH_ITERATIONS = 120
+
+
+@dataclass(frozen=True, eq=False)
+class ConeFit:
+    """Forces (T, n, 3), residual wrench (T, 6), iterations used, converged (T,)."""
+
+    force: Floats
+    residual: Floats
+    iterations: int
+    converged: Bools
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """B frames of n points: a (B, 3n, 6) = S^-1 A^T, b (B, 6), inv (B, 3n) = 1 / rho."""
+
+    a: Floats
+    b: Floats
+    inv: Floats
+
+    def take(self, rows: NDArray[np.int64] | Bools) -> _Problem:
+        return _Problem(self.a[rows], self.b[rows], self.inv[rows])
+
+
+def fit_forces(
+    arm: Floats,
+    mask: Bools,
+    wrench: Floats,
+    *,
+    friction: float,
+    rho: Floats | float = RHO,
+) -> ConeFit:
+    """Fit forces in Coulomb cones (z up) to wrenches, every frame at once.
+
+    ``arm`` (T, n, 3) are the points relative to the wrench's reference point, divided by the
+    height that scales moments; ``mask`` (T, n) the points that exist; ``wrench`` (T, 6) is
+    force and scaled moment. Returns forces in the unit of the wrench. The outcome is a value:
+    see ``converged``.
+    """
+    frames, points = mask.shape
+    force = np.zeros((frames, points, 3))
+    residual = wrench.copy()
+    converged = np.ones(frames, dtype=bool)
+    weight = np.broadcast_to(np.asarray(rho, dtype=np.float64), (frames, points))
+    counts = mask.sum(axis=1)
+    iterations = 0
+    # Frames with as many points share arrays without padding.
+    for count in np.unique(counts[counts > 0]):
+        rows = np.flatnonzero(counts == count)
+        columns = np.argsort(~mask[rows], axis=1, kind="stable")[:, :count]
+        pick = (rows[:, None], columns)
+        problem = _Problem(
+            _maps(arm[pick], friction), wrench[rows], np.repeat(1 / weight[pick], 3, axis=1)
+        )
+        y, done, used = _solve(problem)
+        scaled = _scaled_force(problem, y)
+        force[pick] = scaled / np.array([1.0, 1.0, friction])
+        residual[rows] = wrench[rows] - _wrench_of(problem, scaled)
+        converged[rows], iterations = done, max(iterations, used)
+    return ConeFit(force, residual, iterations, converged)
+
+
+def _maps(arm: Floats, friction: float) -> Floats:
+    """(T, 3n, 6): S^-1 A_i^T = S^-1 [1, -(arm x)] stacked."""
+    maps = np.zeros((*arm.shape[:2], 3, 6))
+    maps[..., 0, 0] = maps[..., 1, 1] = maps[..., 2, 2] = 1
+    x, y, z = arm[..., 0], arm[..., 1], arm[..., 2]
+    # moment = arm x f, so the rows of A^T are the columns of the cross-product matrix.
+    maps[..., 0, 4], maps[..., 0, 5] = z, -y
+    maps[..., 1, 3], maps[..., 1, 5] = -z, x
+    maps[..., 2, 3], maps[..., 2, 4] = y, -x
+    maps[..., 2, :] /= friction
+    return maps.reshape(len(arm), -1, 6)
+
+
+def _solve(problem: _Problem) -> tuple[Floats, Bools, int]:
+    frames, rows = problem.inv.shape
+    y = problem.b / (problem.inv.mean(axis=1, keepdims=True) * rows / 3)
+    exact = np.zeros((frames, 1))
+    y, done, used = _newton(problem, y, exact, _ITERATIONS)
+    stuck = np.flatnonzero(~done)
+    if len(stuck):
+        y[stuck], done[stuck], more = _follow_path(problem.take(stuck))
+        used += more
+    return y, done, used
+
+
+def _newton(problem: _Problem, y: Floats, eps: Floats, limit: int) -> tuple[Floats, Bools, int]:
+    """Newton steps with Armijo backtracking until the gradient vanishes."""
+    y = y.copy()
+    done = np.zeros(len(y), dtype=bool)
+    goal = _TOLERANCE * np.maximum(1.0, np.abs(problem.b).max(axis=1))
+    live = np.arange(len(y))
+    used = 0
+    while used < limit:
+        used += 1
+        part = problem.take(live)
+        gradient, step = _step(part, y[live], eps[live])
+        finished = np.abs(gradient).max(axis=1) < goal[live]
+        done[live[finished]] = True
+        live, part = live[~finished], part.take(~finished)
+        if len(live) == 0:
+            break
+        y[live] = _search(part, y[live], eps[live], step[~finished], gradient[~finished])
+    return y, done, used
+
+
+def _follow_path(problem: _Problem) -> tuple[Floats, Bools, int]:
+    """The same minimum along smoothed projections: one Newton step per width, width to zero."""
+    frames, rows = problem.inv.shape
+    rho = 1 / problem.inv[:, ::3]
+    size = np.maximum(np.abs(problem.b).max(axis=1, keepdims=True), 1e-3)
+    y = problem.b * rho.mean(axis=1, keepdims=True) * 3 / rows
+    width = np.ones((frames, 1))
+    for _ in range(_PATH_ITERATIONS):
+        eps = width * size * rho  # a force of about `width * size` where z is zero
+        gradient, step = _step(problem, y, eps)
+        y = _search(problem, y, eps, step, gradient)
+        near = np.abs(_gradient(problem, y, eps)).max(axis=1, keepdims=True) < width * size
+        width = np.where(near, width * 0.3, width)
+        if width.max() < 1e-12:
+            break
+    y, done, _ = _newton(problem, y, np.zeros((frames, 1)), _ITERATIONS)
+    return y, done, _PATH_ITERATIONS
+
+
+def _step(problem: _Problem, y: Floats, eps: Floats) -> tuple[Floats, Floats]:
+    """Gradient (B, 6) and Newton step (B, 6)."""
+    frames = len(y)
+    z = (problem.a @ y[:, :, None]).reshape(frames, -1, 3)
+    out, jacobian = _project(z, eps)
+    gradient = y - problem.b + _wrench_of(problem, out.reshape(frames, -1) * problem.inv)
+    mapped = (jacobian @ problem.a.reshape(*z.shape, 6)).reshape(problem.a.shape)
+    hessian = np.eye(6) + np.swapaxes(problem.a, 1, 2) @ (mapped * problem.inv[:, :, None])
+    step = np.linalg.solve(hessian, -gradient[:, :, None])[:, :, 0]
+    return gradient, np.asarray(step, dtype=np.float64)
+
+
+def _gradient(problem: _Problem, y: Floats, eps: Floats) -> Floats:
+    z = (problem.a @ y[:, :, None]).reshape(len(y), -1, 3)
+    out = _values(z, eps)[0].reshape(len(y), -1) * problem.inv
+    return y - problem.b + _wrench_of(problem, out)
+
+
+def _scaled_force(problem: _Problem, y: Floats) -> Floats:
+    z = (problem.a @ y[:, :, None]).reshape(len(y), -1, 3)
+    return _values(z, np.zeros((len(y), 1)))[0] * problem.inv.reshape(z.shape)
+
+
+def _wrench_of(problem: _Problem, scaled: Floats) -> Floats:
+    flat = scaled.reshape(len(scaled), 1, -1)
+    wrench: Floats = (flat @ problem.a)[:, 0]
+    return wrench
+
+
+def _phi(problem: _Problem, y: Floats, eps: Floats) -> Floats:
+    z = (problem.a @ y[:, :, None]).reshape(len(y), -1, 3)
+    tangent = np.hypot(z[..., 0], z[..., 1])
+    potential = _potential(z[..., 2] - tangent, eps) + _potential(z[..., 2] + tangent, eps)
+    phi: Floats = np.sum((0.5 * y - problem.b) * y, axis=1) + 0.5 * np.sum(
+        potential * problem.inv[:, ::3], axis=1
+    )
+    return phi
+
+
+def _potential(value: Floats, eps: Floats) -> Floats:
+    """Integral of (x + sqrt(x^2 + 4 eps^2)) / 2; half the square of max(x, 0) at eps = 0."""
+    if not eps.any():
+        squared: Floats = 0.5 * np.maximum(value, 0.0) ** 2
+        return squared
+    root = np.sqrt(value**2 + 4 * eps**2)
+    # For x far below zero x^2 + x root cancels: x (x + root) = -4 eps^2 x / (root - x).
+    product = np.where(
+        value > 0, value * (value + root), -4 * eps**2 * value / np.maximum(root - value, 1e-300)
+    ) * np.where(value > 0, 1.0, -1.0)
+    integral: Floats = 0.25 * product + eps**2 * np.arcsinh(value / (2 * eps))
+    return integral
+
+
+def _values(z: Floats, eps: Floats) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats]:
+    """(Smoothed) projection on |t| <= n; its spectral values, tangential length, root parts."""
+    tangent = np.hypot(z[..., 0], z[..., 1])
+    low, high = z[..., 2] - tangent, z[..., 2] + tangent
+    if eps.any():
+        low_root, high_root = np.sqrt(low**2 + 4 * eps**2), np.sqrt(high**2 + 4 * eps**2)
+    else:
+        low_root, high_root = np.abs(low), np.abs(high)
+    g_low, g_high = 0.5 * (low + low_root), 0.5 * (high + high_root)
+    out = np.empty_like(z)
+    safe = np.where(tangent > 0, tangent, 1.0)
+    out[..., :2] = (0.5 * (g_high - g_low) / safe)[..., None] * z[..., :2]
+    out[..., 2] = 0.5 * (g_high + g_low)
+    slopes = [
+        0.5 * (1 + v / np.where(r > 0, r, 1.0))
+        for v, r in ((low, low_root), (high, high_root))
+    ]  # fmt: skip
+    return out, g_low, g_high, tangent, slopes[0], slopes[1]
+
+
+def _project(z: Floats, eps: Floats) -> tuple[Floats, Floats]:
+    """Projection and an element of its generalised Jacobian (..., 3, 3)."""
+    out, g_low, g_high, tangent, d_low, d_high = _values(z, eps)
+    flat = tangent > 0
+    safe = np.where(flat, tangent, 1.0)
+    ux, uy = np.where(flat, z[..., 0] / safe, 1.0), np.where(flat, z[..., 1] / safe, 0.0)
+    across = np.where(flat, 0.5 * (g_high - g_low) / safe, d_high)
+    mean, half = 0.5 * (d_high + d_low), 0.5 * (d_high - d_low)
+    along = mean - across
+    jacobian = np.empty((*z.shape, 3))
+    jacobian[..., 0, 0] = across + along * ux * ux
+    jacobian[..., 1, 1] = across + along * uy * uy
+    jacobian[..., 0, 1] = jacobian[..., 1, 0] = along * ux * uy
+    jacobian[..., 0, 2] = jacobian[..., 2, 0] = half * ux
+    jacobian[..., 1, 2] = jacobian[..., 2, 1] = half * uy
+    jacobian[..., 2, 2] = mean
+    return out, jacobian
+
+
+def _search(problem: _Problem, y: Floats, eps: Floats, step: Floats, gradient: Floats) -> Floats:
+    """Armijo backtracking, each frame its own step length."""
+    value = _phi(problem, y, eps)
+    slope = np.sum(gradient * step, axis=1)
+    length = np.ones(len(y))
+    rising = np.arange(len(y))
+    for _ in range(30):
+        part = problem if len(rising) == len(y) else problem.take(rising)
+        phi = _phi(part, y[rising] + length[rising, None] * step[rising], eps[rising])
+        # The last steps change phi by less than rounding: allow for that.
+        allowed = value[rising] + 1e-4 * length[rising] * slope[rising]
+        rising = rising[phi > allowed + 1e-14 * (1 + np.abs(value[rising]))]
+        if len(rising) == 0:
+            break
+        length[rising] *= 0.5
+    searched: Floats = y + length[:, None] * step
+    return searched

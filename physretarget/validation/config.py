@@ -1,0 +1,175 @@
+"""What a validation depends on besides clip and model: settings, and the TOML that sets them."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, get_args
+
+import numpy as np
+
+from physretarget.errors import InputError, UsageError
+from physretarget.validation.report import Severity
+from physretarget.validation.rule import Profile, Rule
+
+_EMPTY: Mapping[str, Any] = MappingProxyType({})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """How to judge.
+
+    ``lowpass_hz`` filters the clip before anything is differentiated (None: not at all).
+    ``contact_tolerance_m``: points this close to the floor touch; None: 2 cm, or 3 % of the
+    model's CoM height where that is less. ``friction`` overrides the model's. ``select`` and
+    ``ignore`` are codes or their beginnings ("DYN"). ``limits`` maps a code to limit names to
+    values, ``severity`` a code to its severity. ``also_literature`` adds other tools' numbers.
+    """
+
+    profile: Profile = "animation"
+    lowpass_hz: float | None = None
+    contact_tolerance_m: float | None = None
+    friction: float | None = None
+    select: tuple[str, ...] = ()
+    ignore: tuple[str, ...] = ()
+    limits: Mapping[str, Mapping[str, float]] = field(default_factory=lambda: _EMPTY)
+    severity: Mapping[str, Severity] = field(default_factory=lambda: _EMPTY)
+    also_literature: bool = False
+
+    def __post_init__(self) -> None:
+        if self.profile not in get_args(Profile):
+            raise UsageError(f"profile '{self.profile}' is unknown: use animation or robot.")
+        for name in ("lowpass_hz", "contact_tolerance_m", "friction"):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value > 0):
+                raise UsageError(f"{name} is {value}, a number above 0 is needed.")
+
+    def chosen(self, rules: tuple[Rule, ...]) -> tuple[Rule, ...]:
+        """The rules that are selected and not ignored."""
+        check_codes((*self.select, *self.ignore), rules)
+        return tuple(
+            rule
+            for rule in rules
+            if (not self.select or rule.code.startswith(self.select))
+            and not (self.ignore and rule.code.startswith(self.ignore))
+        )
+
+    def limits_of(self, rule: Rule) -> Mapping[str, float]:
+        """A rule's limits under this profile, overrides applied."""
+        values = {name: limit.under(self.profile) for name, limit in rule.limits.items()}
+        return {**values, **self.limits.get(rule.code, {})}
+
+
+def check_codes(codes: tuple[str, ...], rules: tuple[Rule, ...]) -> None:
+    """Raise UsageError for a code, or beginning of one, that no rule has."""
+    known = [rule.code for rule in rules]
+    for code in codes:
+        if not code or not any(k.startswith(code) for k in known):
+            raise UsageError(f"no rule has the code '{code}': " + _valid(code, known))
+
+
+def load_settings(
+    path: str | os.PathLike[str], rules: tuple[Rule, ...], base: Settings | None = None
+) -> Settings:
+    """Settings from a TOML file over ``base``.
+
+    Keys: profile, lowpass_hz, contact_tolerance_m, friction, select, ignore, and the tables
+    [limits.CODE] name = value and [severity] CODE = "error" | "warning". Anything else is an
+    InputError that lists what is valid.
+    """
+    source = Path(path)
+    try:
+        table = tomllib.loads(source.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}.", path=source) from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"is not valid TOML: {error}.", path=source) from error
+    try:
+        return _settings(table, rules, base or Settings())
+    except UsageError as error:
+        raise InputError(str(error), path=source) from error
+
+
+def _settings(table: dict[str, Any], rules: tuple[Rule, ...], base: Settings) -> Settings:
+    readers: dict[str, Callable[[str, Any], Any]] = {
+        "profile": _text, "lowpass_hz": _number, "contact_tolerance_m": _number,
+        "friction": _number, "select": _texts, "ignore": _texts, "also_literature": _flag,
+    }  # fmt: skip
+    known = [*readers, "limits", "severity"]
+    for key in table:
+        if key not in known:
+            raise UsageError(f"unknown key '{key}': " + _valid(key, known))
+    changes = {key: readers[key](key, table[key]) for key in readers if key in table}
+    changes["limits"] = {**base.limits, **_limits(_table(table, "limits"), rules)}
+    changes["severity"] = {**base.severity, **_severity(_table(table, "severity"), rules)}
+    settings = replace(base, **changes)
+    settings.chosen(rules)
+    return settings
+
+
+def _limits(table: dict[str, Any], rules: tuple[Rule, ...]) -> dict[str, dict[str, float]]:
+    by_code = {rule.code: rule for rule in rules}
+    read: dict[str, dict[str, float]] = {}
+    for code, values in table.items():
+        if code not in by_code:
+            raise UsageError(f"no rule has the code '{code}': " + _valid(code, list(by_code)))
+        if not isinstance(values, dict):
+            raise UsageError(f"limits.{code} must be a table of names and numbers.")
+        names = list(by_code[code].limits)
+        for name, value in values.items():
+            if name not in names:
+                raise UsageError(f"{code} has no limit '{name}': " + _valid(name, names))
+            read.setdefault(code, {})[name] = _number(f"limits.{code}.{name}", value)
+    return read
+
+
+def _severity(table: dict[str, Any], rules: tuple[Rule, ...]) -> dict[str, Severity]:
+    read: dict[str, Severity] = {}
+    for code, value in table.items():
+        check_codes((code,), rules)
+        if value not in get_args(Severity):
+            raise UsageError(f'severity.{code} is {value!r}: use "error" or "warning".')
+        read[code] = value
+    return read
+
+
+def _table(table: dict[str, Any], name: str) -> dict[str, Any]:
+    value = table.get(name, {})
+    if not isinstance(value, dict):
+        raise UsageError(f"'{name}' must be a table.")
+    return value
+
+
+def _text(name: str, value: Any) -> str:
+    if not isinstance(value, str):
+        raise UsageError(f"'{name}' must be a text.")
+    return value
+
+
+def _texts(name: str, value: Any) -> tuple[str, ...]:
+    if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
+        raise UsageError(f"'{name}' must be a list of codes.")
+    return tuple(value)
+
+
+def _number(name: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not np.isfinite(value):
+        raise UsageError(f"'{name}' must be a number.")
+    return float(value)
+
+
+def _flag(name: str, value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise UsageError(f"'{name}' must be true or false.")
+    return value
+
+
+def _valid(given: str, names: list[str]) -> str:
+    close = get_close_matches(given, names, n=1)
+    hint = f"did you mean '{close[0]}'? " if close else ""
+    return f"{hint}valid are {', '.join(names)}."

@@ -1,0 +1,230 @@
+"""Which points touch the floor, how they move, and what their forces are worth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physretarget.kinematics import Pose
+from physretarget.validation.cones import RHO
+from physretarget.validation.geometry import Candidates, lowest_points
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+Series = dict[str, NDArray[np.generic]]
+
+# Of many touching points of one body the outermost in these horizontal directions stand for
+# all: any box keeps its corners, any hull the octagon that fits it.
+_DIRECTIONS = 8
+_ANGLES = (np.arange(_DIRECTIONS) + 0.25) * 2 * np.pi / _DIRECTIONS
+_COMPASS = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)])
+# A body bears load above this share of body weight and of what is borne in all.
+LOADED_BW, LOADED_SHARE = 0.1, 0.25
+# The fit prefers resting points: one that slides at this speed (m/s) costs twice as much. The
+# dearest still moves the residual by less than a few hundredths of the force it would bear.
+_SLOW = 0.02
+_DEAREST = 1e5
+
+
+@dataclass(frozen=True, eq=False)
+class Touch:
+    """Touching points of T frames: position (T, n, 3) world m, body (T, n), mask (T, n).
+
+    ``lowest`` (T,) m above the floor and its body; ``bodies`` (B,) that may touch and ``on``
+    (T, B) which of them do.
+    """
+
+    position: Floats
+    body: Ints
+    mask: Bools
+    lowest: Floats
+    lowest_body: Ints
+    bodies: Ints
+    on: Bools
+    floor: float
+
+    def series(self) -> Series:
+        """The per-frame results that are kept."""
+        return {
+            "lowest": self.lowest,
+            "lowest_body": self.lowest_body,
+            "touching": self.mask.sum(axis=1),
+            "touch": self.on,
+        }
+
+    def speed(self, pose: Pose, moving: tuple[Floats, Floats]) -> Floats:
+        """(T, n) tangential speed of the touching material points, m/s."""
+        linear, angular = moving
+        column = np.searchsorted(self.bodies, self.body)
+        column = np.minimum(column, max(len(self.bodies) - 1, 0))
+        rows = np.arange(len(self.body))[:, None]
+        arm = self.position - pose.position[rows, self.body]
+        velocity = linear[rows, column] + np.cross(angular[rows, column], arm)
+        return np.where(self.mask, np.hypot(velocity[..., 0], velocity[..., 1]), 0.0)
+
+
+def find_touch(points: Candidates, pose: Pose, floor: float, tolerance: float) -> Touch:
+    """Points within ``tolerance`` (m) of the floor, at most eight for every body."""
+    frames = len(pose.position)
+    bodies = points.bodies
+    lowest, lowest_body = np.full(frames, np.inf), np.zeros(frames, dtype=np.int64)
+    on = np.zeros((frames, len(bodies)), dtype=bool)
+    picked: list[tuple[Floats, Bools, int]] = []
+    near_enough = _can_matter(points, pose, floor, tolerance)
+    for index, body in enumerate(bodies):
+        if not near_enough[index]:
+            continue
+        own = _of_body(points, int(body))
+        place = lowest_points(pose, own)
+        height = place[..., 2] - floor
+        low = height.min(axis=1)
+        lowest_body[low < lowest] = body
+        lowest = np.minimum(low, lowest)
+        near = height < tolerance
+        on[:, index] = near.any(axis=1)
+        if on[:, index].any():
+            picked.append((*_outermost(place, near), int(body)))
+    position, mask, owner = _packed(picked, frames)
+    return Touch(position, owner, mask, lowest, lowest_body, bodies, on, floor)
+
+
+def _can_matter(points: Candidates, pose: Pose, floor: float, tolerance: float) -> Bools:
+    """Bodies that may touch or be the lowest, by their bounding spheres."""
+    reach = np.linalg.norm(points.local, axis=1) + points.radius + points.axes.max(axis=1)
+    bounds = np.array([reach[points.body == b].max() for b in points.bodies])
+    height = pose.position[:, points.bodies, 2] - floor
+    ceiling = np.maximum((height + bounds).min(axis=1), tolerance)
+    can: Bools = ((height - bounds) <= ceiling[:, None]).any(axis=0)
+    return can
+
+
+def _of_body(points: Candidates, body: int) -> Candidates:
+    rows = points.body == body
+    return Candidates(
+        points.body[rows], points.local[rows], points.radius[rows], points.axes[rows],
+        points.frame[rows], points.source,
+    )  # fmt: skip
+
+
+def _outermost(place: Floats, near: Bools) -> tuple[Floats, Bools]:
+    """(T, <=8, 3) points and mask: all of a few points, the outermost of many."""
+    if place.shape[1] <= _DIRECTIONS:
+        return place, near
+    along = np.where(near[..., None], place[..., :2] @ _COMPASS, -np.inf)
+    best = along.argmax(axis=1)
+    rows = np.arange(len(place))[:, None]
+    chosen = np.zeros_like(near)
+    chosen[rows, best] = near[rows, best]
+    order = np.argsort(~chosen, axis=1, kind="stable")[:, :_DIRECTIONS]
+    return place[rows, order], chosen[rows, order]
+
+
+def _packed(picked: list[tuple[Floats, Bools, int]], frames: int) -> tuple[Floats, Bools, Ints]:
+    """Touching points of all bodies, moved to the front of each frame's row."""
+    if not picked:
+        empty = np.zeros((frames, 0), dtype=np.int64)
+        return np.zeros((frames, 0, 3)), empty.astype(bool), empty
+    place = np.concatenate([p for p, _, _ in picked], axis=1)
+    near = np.concatenate([m for _, m, _ in picked], axis=1)
+    owner = np.concatenate([np.full(m.shape[1], b) for _, m, b in picked])
+    width = int(near.sum(axis=1).max())
+    order = np.argsort(~near, axis=1, kind="stable")[:, :width]
+    rows = np.arange(frames)[:, None]
+    return place[rows, order], near[rows, order], owner[order]
+
+
+def body_motion(pose: Pose, bodies: Ints, keep: slice, step: float) -> tuple[Floats, Floats]:
+    """Linear and angular velocity (T, B, 3), world, of bodies by central differences."""
+    position, rotation = pose.position[:, bodies], pose.rotation[:, bodies]
+    linear = np.gradient(position, step, axis=0, edge_order=2)[keep]
+    turning = np.gradient(rotation, step, axis=0, edge_order=2)[keep]
+    # dR/dt R^T is the cross-product matrix of the angular velocity.
+    cross = turning @ np.swapaxes(rotation[keep], -1, -2)
+    angular = 0.5 * np.stack(
+        [
+            cross[..., 2, 1] - cross[..., 1, 2],
+            cross[..., 0, 2] - cross[..., 2, 0],
+            cross[..., 1, 0] - cross[..., 0, 1],
+        ],
+        axis=-1,
+    )
+    return linear, angular
+
+
+def touch_rho(touch: Touch, speed: Floats, tolerance: float) -> Floats:
+    """(T, n) price of force at a point: resting points on the floor come first.
+
+    Where several points could bear the load, the kindest reading of the clip is taken: the
+    foot at rest stands, the one that passes by does not.
+    """
+    above = np.clip((touch.position[..., 2] - touch.floor) / tolerance, 0.0, 1.0)
+    return RHO * np.minimum(1 + 9 * above**2 + (speed / _SLOW) ** 2, _DEAREST)
+
+
+def skate(touch: Touch, force: Floats, speed: Floats) -> Series:
+    """Speed (T,) of the fastest sliding loaded body, and the body; 0 where none is loaded.
+
+    A body slides as fast as its slowest loaded point, so that rolling over the toes or
+    turning about the heel is no sliding.
+    """
+    frames = len(speed)
+    total = force[..., 2].sum(axis=1)
+    worst, body = np.zeros(frames), np.zeros(frames, dtype=np.int64)
+    for index, candidate in enumerate(touch.bodies):
+        if not touch.on[:, index].any():
+            continue
+        mine = touch.mask & (touch.body == candidate)
+        normal = np.where(mine, force[..., 2], 0.0)
+        load = normal.sum(axis=1)
+        bearing = mine & (normal > 0.01 * load[:, None])
+        slowest = np.where(bearing, speed, np.inf).min(axis=1, initial=np.inf)
+        loaded = (load > LOADED_BW) & (load > LOADED_SHARE * total) & np.isfinite(slowest)
+        slides = np.where(loaded, slowest, 0.0)
+        body[slides > worst] = candidate
+        worst = np.maximum(worst, slides)
+    return {"skate": worst, "skate_body": body}
+
+
+def cop_outside(touch: Touch, force: Floats, moment: Floats, com: Floats, floor: float) -> Floats:
+    """(T,) m that the required centre of pressure lies outside the touching points' hull.
+
+    NaN where nothing touches or less than a fifth of body weight is to be borne; 0 inside.
+    """
+    judged = (force[:, 2] > 0.2) & touch.mask.any(axis=1)
+    outside = np.full(len(force), np.nan)
+    if not judged.any():
+        return outside
+    f, m, c = force[judged], moment[judged], com[judged]
+    drop = floor - c[:, 2]
+    x = c[:, 0] + (drop * f[:, 0] - m[:, 1]) / f[:, 2]
+    y = c[:, 1] + (m[:, 0] + drop * f[:, 1]) / f[:, 2]
+    points, mask = touch.position[judged][..., :2], touch.mask[judged]
+    outside[judged] = hull_distance(np.c_[x, y], points, mask)
+    return outside
+
+
+def hull_distance(point: Floats, corners: Floats, mask: Bools) -> Floats:
+    """(T,) distance of a point (T, 2) from the convex hull of corners (T, n, 2); 0 inside.
+
+    The distance is the largest separation over directions; it is attained along the line to
+    a corner or at right angles to the line through two.
+    """
+    count = mask.shape[1]
+    first, second = np.triu_indices(count, 1)
+    edge = corners[:, second] - corners[:, first]
+    normal = np.stack([-edge[..., 1], edge[..., 0]], axis=-1)
+    usable = mask[:, first] & mask[:, second]
+    directions = np.concatenate([point[:, None] - corners, normal, -normal], axis=1)
+    usable = np.concatenate([mask, usable, usable], axis=1)
+    length = np.linalg.norm(directions, axis=2)
+    usable &= length > 1e-12
+    directions /= np.where(length > 1e-12, length, 1.0)[..., None]
+    support = np.where(mask[:, None, :], directions @ np.swapaxes(corners, 1, 2), -np.inf).max(
+        axis=2
+    )
+    apart = np.einsum("tdi,ti->td", directions, point) - support
+    distance: Floats = np.where(usable, apart, -np.inf).max(axis=1, initial=0.0)
+    return distance

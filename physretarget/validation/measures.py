@@ -1,0 +1,153 @@
+"""Numbers about a clip, each with its unit and the frame to look at."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physretarget.validation import states
+from physretarget.validation.analysis import Analysis
+from physretarget.validation.report import Measure
+
+Floats = NDArray[np.float64]
+
+PENETRATION_M = 0.005  # PhysDiff's tolerance (Yuan et al. 2023)
+PULL_BW = 0.0  # the floor pulls when the required vertical force is negative at all
+# Displacement while sliding slower than this is drift of the data, not skating.
+SKATE_M_S = 0.05
+CHATTER_S = 0.1
+
+
+def measures(analysis: Analysis) -> dict[str, Measure]:
+    """Every measure by name; value None where it could not be taken."""
+    found: dict[str, Measure] = {}
+    for part in (_required, _explained, _flight, _floor, _joints):
+        found.update(part(analysis))
+    return found
+
+
+def peak(analysis: Analysis, series: Floats, unit: str, *, lowest: bool = False) -> Measure:
+    """The largest (or lowest) value of a series and its frame; NaN frames are left out."""
+    if len(series) == 0 or np.isnan(series).all():
+        return Measure(value=None, unit=unit)
+    frame = int(np.nanargmin(series) if lowest else np.nanargmax(series))
+    return Measure(value=float(series[frame]), unit=unit, frame=analysis.clip_frame(frame))
+
+
+def rms(series: Floats) -> float | None:
+    """Root mean square, None of nothing."""
+    return float(np.sqrt(np.mean(series**2))) if len(series) else None
+
+
+def _share(analysis: Analysis, flags: NDArray[np.bool_], worst: Floats) -> Measure:
+    frame = None
+    if flags.any():
+        frame = analysis.clip_frame(int(np.argmax(np.where(flags, worst, -np.inf))))
+    return Measure(value=float(flags.mean()), unit="1", frame=frame)
+
+
+def _required(a: Analysis) -> Iterator[tuple[str, Measure]]:
+    names = ("max", "min", "mean")
+    if "required_force" not in a.has:
+        yield from (
+            (f"required_force_vertical_{n}_bw", Measure(value=None, unit="BW")) for n in names
+        )
+        yield "root_acceleration_max_m_s2", Measure(value=None, unit="m/s^2")
+        yield "pull_frames_fraction", Measure(value=None, unit="1")
+        yield "friction_exceeded_fraction", Measure(value=None, unit="1")
+        return
+    vertical = a["required_force"][:, 2]
+    yield "required_force_vertical_max_bw", peak(a, vertical, "BW")
+    yield "required_force_vertical_min_bw", peak(a, vertical, "BW", lowest=True)
+    yield "required_force_vertical_mean_bw", Measure(value=float(vertical.mean()), unit="BW")
+    yield "root_acceleration_max_m_s2", peak(a, a["root_acceleration"], "m/s^2")
+    yield "pull_frames_fraction", _share(a, vertical < -PULL_BW, -vertical)
+    demand = np.nan_to_num(a["friction_demand"])
+    yield "friction_exceeded_fraction", _share(a, demand > a.friction, demand)
+
+
+def _explained(a: Analysis) -> Iterator[tuple[str, Measure]]:
+    if not a.judges_forces:
+        yield "unexplained_force_rms_bw", Measure(value=None, unit="BW")
+        yield "unexplained_force_max_bw", Measure(value=None, unit="BW")
+        yield "unexplained_moment_rms_bwh", Measure(value=None, unit="BW h")
+        yield "unexplained_moment_max_bwh", Measure(value=None, unit="BW h")
+        yield "cop_outside_fraction", Measure(value=None, unit="1")
+        yield "cop_outside_max_m", Measure(value=None, unit="m")
+        return
+    force, moment = a["unexplained_force"], a["unexplained_moment"]
+    worst = peak(a, force, "BW")
+    yield "unexplained_force_rms_bw", Measure(value=rms(force), unit="BW", frame=worst.frame)
+    yield "unexplained_force_max_bw", worst
+    worst = peak(a, moment, "BW h")
+    yield "unexplained_moment_rms_bwh", Measure(value=rms(moment), unit="BW h", frame=worst.frame)
+    yield "unexplained_moment_max_bwh", worst
+    outside = np.nan_to_num(a["cop_outside"])
+    yield "cop_outside_fraction", _share(a, outside > a.tolerance / 2, outside)
+    yield "cop_outside_max_m", peak(a, a["cop_outside"], "m")
+
+
+def _flight(a: Analysis) -> Iterator[tuple[str, Measure]]:
+    names = {
+        "flight_frames_fraction": "1", "flight_com_acceleration_error_rms": "m/s^2",
+        "flight_moment_rms_bwh": "BW h", "float_time_s": "s",
+    }  # fmt: skip
+    if not a.judges_forces:
+        yield from ((n, Measure(value=None, unit=u)) for n, u in names.items())
+        return
+    free = states.airborne(a)
+    yield "flight_frames_fraction", _share(a, free, a["lowest"])
+    gravity = float(np.linalg.norm(a.character.model.opt.gravity))
+    judged = states.flight(a)
+    error = np.where(judged, np.linalg.norm(a["required_force"], axis=1) * gravity, np.nan)
+    worst = peak(a, error, "m/s^2").frame
+    yield (
+        "flight_com_acceleration_error_rms",
+        Measure(value=rms(error[judged]), unit="m/s^2", frame=worst),
+    )
+    moment = np.where(judged, np.linalg.norm(a["required_moment"], axis=1), np.nan)
+    yield (
+        "flight_moment_rms_bwh",
+        Measure(value=rms(moment[judged]), unit="BW h", frame=peak(a, moment, "BW h").frame),
+    )
+    floats = states.floating(a)
+    frame = _share(a, floats, a["lowest"]).frame
+    seconds = float(floats.sum()) / a.fps if a.fps else 0.0
+    yield "float_time_s", Measure(value=seconds, unit="s", frame=frame)
+
+
+def _floor(a: Analysis) -> Iterator[tuple[str, Measure]]:
+    if "deepest" not in a.has:
+        yield "penetration_max_m", Measure(value=None, unit="m")
+        yield "penetration_frames_fraction", Measure(value=None, unit="1")
+        yield "contact_chatter_per_s", Measure(value=None, unit="1/s")
+    else:
+        depth = np.maximum(-a["deepest"], 0.0)
+        yield "penetration_max_m", peak(a, depth, "m")
+        yield "penetration_frames_fraction", _share(a, depth > PENETRATION_M, depth)
+        flips = states.chatter(a, CHATTER_S)
+        frame = a.clip_frame(int(np.argmax(flips))) if flips.any() else None
+        seconds = a.frames / a.fps if a.fps else 1.0
+        yield "contact_chatter_per_s", Measure(value=flips.sum() / seconds, unit="1/s", frame=frame)
+    if "skate" not in a.has:
+        yield "skate_speed_max_m_s", Measure(value=None, unit="m/s")
+        yield "skate_distance_m", Measure(value=None, unit="m")
+    else:
+        speed = a["skate"]
+        worst = peak(a, speed, "m/s")
+        yield "skate_speed_max_m_s", worst
+        slid = float(speed[speed > SKATE_M_S].sum() / a.fps) if a.fps else 0.0
+        yield "skate_distance_m", Measure(value=slid, unit="m", frame=worst.frame)
+
+
+def _joints(a: Analysis) -> Iterator[tuple[str, Measure]]:
+    for name, series, unit in (
+        ("joint_limit_excess_max_rad", "limit_excess", "rad"),
+        ("joint_speed_max_rad_s", "joint_speed", "rad/s"),
+        ("joint_torque_ratio_max", "torque_ratio", "1"),
+        ("self_penetration_max_m", "self_penetration", "m"),
+        ("jerk_dimensionless_max", "jerk", "1"),
+    ):
+        yield name, peak(a, a[series], unit) if series in a.has else Measure(value=None, unit=unit)

@@ -1,0 +1,207 @@
+"""What a validation says: measures, findings, coverage. Renderers only read it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+SCHEMA = "physretarget/report/1"
+Severity = Literal["error", "warning"]
+Status = Literal["checked", "not-covered"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measure:
+    """A number about the clip; ``value`` is None where it could not be taken."""
+
+    value: float | None
+    unit: str
+    frame: int | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """A coded judgement about frames ``frame_first`` to ``frame_last`` (None: the whole clip).
+
+    ``frame`` is the worst of them and ``time_s`` its time: where to look.
+    """
+
+    code: str
+    rule: str
+    severity: Severity
+    message: str
+    frame_first: int | None = None
+    frame_last: int | None = None
+    frame: int | None = None
+    time_s: float | None = None
+    body: str | None = None
+    value: float | None = None
+    limit: float | None = None
+    unit: str = ""
+
+    @property
+    def excess(self) -> float:
+        """How far beyond its limit, as a ratio, for sorting the worst first."""
+        if self.value is None or not self.limit:
+            return 1.0
+        return abs(self.value / self.limit)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Coverage:
+    """Whether a rule could judge, and if not, why."""
+
+    code: str
+    status: Status
+    reason: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClipFacts:
+    """The clip as judged."""
+
+    path: str
+    sha256: str
+    frames: int
+    duration_s: float
+    fps: float
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelFacts:
+    """The model it was judged with."""
+
+    path: str
+    sha256: str
+    mass_kg: float
+    com_height_m: float
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class UsedSettings:
+    """Everything that a figure depends on."""
+
+    profile: str
+    lowpass_hz: float | None
+    derivative: str
+    contact_tolerance_m: float
+    friction: float
+    floor_height_m: float
+    contact: str
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Report:
+    """The whole verdict on one clip.
+
+    ``series`` are per-frame arrays (T,) for timelines; they stay out of the JSON.
+    ``accepted`` counts findings that a baseline took out.
+    """
+
+    tool: Mapping[str, str]
+    clip: ClipFacts
+    model: ModelFacts
+    settings: UsedSettings
+    measures: Mapping[str, Measure]
+    findings: tuple[Finding, ...]
+    coverage: tuple[Coverage, ...]
+    literature: Mapping[str, Any] = field(default_factory=dict)
+    series: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    accepted: int = 0
+
+    @property
+    def errors(self) -> int:
+        """Findings of severity error."""
+        return sum(f.severity == "error" for f in self.findings)
+
+    @property
+    def warnings(self) -> int:
+        """Findings of severity warning."""
+        return sum(f.severity == "warning" for f in self.findings)
+
+    @property
+    def passed(self) -> bool:
+        """No errors."""
+        return self.errors == 0
+
+    def fails(self, fail_on: Severity = "error") -> bool:
+        """Whether findings at or above this severity exist (exit code 1)."""
+        return self.errors > 0 or (fail_on == "warning" and self.warnings > 0)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON document, floats rounded to seven digits so that it reads."""
+        document: dict[str, Any] = {
+            "schema": SCHEMA,
+            "tool": dict(self.tool),
+            "clip": {
+                "path": self.clip.path,
+                "sha256": self.clip.sha256,
+                "frames": self.clip.frames,
+                "duration_s": _rounded(self.clip.duration_s),
+                "fps": _rounded(self.clip.fps),
+                "notes": list(self.clip.notes),
+            },
+            "model": {
+                "path": self.model.path,
+                "sha256": self.model.sha256,
+                "mass_kg": _rounded(self.model.mass_kg),
+                "com_height_m": _rounded(self.model.com_height_m),
+                "notes": list(self.model.notes),
+            },
+            "settings": {
+                "profile": self.settings.profile,
+                "lowpass_hz": self.settings.lowpass_hz,
+                "derivative": self.settings.derivative,
+                "contact_tolerance_m": _rounded(self.settings.contact_tolerance_m),
+                "friction": _rounded(self.settings.friction),
+                "floor_height_m": _rounded(self.settings.floor_height_m),
+                "contact": self.settings.contact,
+            },
+            "measures": {
+                name: {"value": _rounded(m.value), "unit": m.unit, "frame": m.frame}
+                for name, m in self.measures.items()
+            },
+            "findings": [_finding(f) for f in self.findings],
+            "coverage": [
+                {"code": c.code, "status": c.status, "reason": c.reason} for c in self.coverage
+            ],
+            "summary": {
+                "errors": self.errors,
+                "warnings": self.warnings,
+                "passed": self.passed,
+                "accepted": self.accepted,
+            },
+        }
+        if self.literature:
+            document["literature"] = {
+                name: {k: _rounded(v) if isinstance(v, float) else v for k, v in entry.items()}
+                for name, entry in self.literature.items()
+            }
+        return document
+
+
+def _finding(finding: Finding) -> dict[str, Any]:
+    return {
+        "code": finding.code,
+        "rule": finding.rule,
+        "severity": finding.severity,
+        "message": finding.message,
+        "frame_first": finding.frame_first,
+        "frame_last": finding.frame_last,
+        "frame": finding.frame,
+        "time_s": _rounded(finding.time_s),
+        "body": finding.body,
+        "value": _rounded(finding.value),
+        "limit": _rounded(finding.limit),
+        "unit": finding.unit,
+    }
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else float(f"{value:.7g}")

@@ -1,0 +1,1 @@
+"""One rule per file; the table of them is :mod:`physretarget.validation.codes`."""

@@ -1,0 +1,52 @@
+"""A body sinks into the floor.
+
+What it does
+------------
+Height of the lowest point of the collision geometry (or of the declared contact points) below
+the floor.
+
+Why it matters
+--------------
+It is seen at once, and a simulator answers with an explosion: 2 mm make a dozen body weights of
+contact.
+
+Threshold
+---------
+Warning from 5 mm, PhysDiff's tolerance (Yuan et al. 2023), error from 2 cm, the thickness of a
+sole: ours.
+
+Example
+-------
+A foot that dips 3 cm below the floor at heel strike.
+"""
+
+from __future__ import annotations
+
+from physretarget.validation.analysis import Analysis
+from physretarget.validation.rule import Limit, Limits, Rule, Verdict, exceeding
+
+
+def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+    """A body sinks into the floor."""
+    if "deepest" not in analysis.has:
+        return Verdict(not_covered="the model has no contact geometry")
+    body = analysis.ints("deepest_body")
+    return exceeding(
+        analysis, rule, -analysis["deepest"], warning=limits["warning"], error=limits["error"],
+        unit="m", body=lambda t: analysis.body_name(body[t]),
+        message="{body} is {value} {unit} below the floor (limit {limit})",
+    )  # fmt: skip
+
+
+RULE = Rule(
+    code="CON001",
+    name="ground-penetration",
+    doc=__doc__ or "",
+    check=check,
+    limits={
+        "warning": Limit(
+            value=0.005, unit="m", source="PhysDiff (Yuan et al. 2023), tolerance 5 mm"
+        ),
+        "error": Limit(value=0.02, unit="m", source="ours: the thickness of a sole"),
+    },
+)

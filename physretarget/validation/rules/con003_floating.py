@@ -1,0 +1,65 @@
+"""The body hangs in the air without support.
+
+What it does
+------------
+Frames in which nothing is near the floor although the motion needs more than 30 % of body
+weight of support.
+
+Why it matters
+--------------
+Air bears nothing. A jump in free fall is no floating: it needs no support.
+
+Threshold
+---------
+Warning from 0.05 s, error from 0.1 s: ours. Near the floor means within the contact tolerance
+of the report.
+
+Example
+-------
+A standing clip lifted by 3 cm.
+"""
+
+from __future__ import annotations
+
+from physretarget.validation import states
+from physretarget.validation.analysis import Analysis
+from physretarget.validation.rule import Limit, Limits, Rule, Verdict, most_severe, runs
+
+
+def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+    """The body hangs in the air without support."""
+    if not analysis.judges_forces:
+        return Verdict(not_covered=analysis.no_forces_because)
+    body = analysis.ints("lowest_body")
+    found = []
+    for first, last in runs(states.floating(analysis)):
+        seconds = (last - first + 1) / analysis.fps
+        if seconds <= limits["warning"]:
+            continue
+        worst = first + int(analysis["lowest"][first : last + 1].argmax())
+        height = float(analysis["lowest"][worst])
+        severe = seconds > limits["error"]
+        found.append(rule.finding(
+            severity="error" if severe else "warning",
+            message=f"floats for {seconds:.3g} s: the lowest point is {height:.3g} m above the "
+            f"floor and {analysis['required_force'][worst, 2]:.2g} BW of support are needed",
+            frame_first=analysis.clip_frame(first), frame_last=analysis.clip_frame(last),
+            frame=analysis.clip_frame(worst), time_s=float(analysis.time[worst]),
+            body=analysis.body_name(body[worst]), value=seconds,
+            limit=limits["error" if severe else "warning"], unit="s",
+        ))  # fmt: skip
+    return Verdict(findings=most_severe(found))
+
+
+RULE = Rule(
+    code="CON003",
+    name="floating",
+    doc=__doc__ or "",
+    check=check,
+    limits={
+        "warning": Limit(
+            value=0.05, unit="s", source="ours: a frame or two of rounding at take-off"
+        ),
+        "error": Limit(value=0.1, unit="s", source="ours: three frames at 30 frames/s"),
+    },
+)

@@ -1,0 +1,59 @@
+"""No contact force explains the turning of the body.
+
+What it does
+------------
+The moment about the CoM that the motion requires minus the best that friction cones at the
+touching points can give, in body weight times CoM height. Frames that float are left to CON003.
+
+Why it matters
+--------------
+The body would tip over: leaning that no ankle can hold, arms that swing against nothing.
+
+Threshold
+---------
+Warning from 0.1 BW h; error from 0.25 BW h: ours. Hicks et al. 2015 ask for 1 % of CoM height
+times peak external force of measured gait with force plates, which motion alone seldom meets.
+
+Example
+-------
+A body leaning by 30 degrees on flat feet without falling.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from physretarget.validation import states
+from physretarget.validation.analysis import Analysis
+from physretarget.validation.rule import Limit, Limits, Rule, Verdict, exceeding
+
+
+def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+    """No contact force explains the turning of the body."""
+    if not analysis.judges_forces:
+        return Verdict(not_covered=analysis.no_forces_because)
+    series = np.where(states.floating(analysis), np.nan, analysis["unexplained_moment"])
+    return exceeding(
+        analysis, rule, series, warning=limits["warning"], error=limits["error"], unit="BW h",
+        message="{value} {unit} of moment are explained by no contact (limit {limit})",
+    )  # fmt: skip
+
+
+RULE = Rule(
+    code="DYN002",
+    name="unexplained-moment",
+    doc=__doc__ or "",
+    check=check,
+    limits={
+        "warning": Limit(
+            value=0.1,
+            unit="BW h",
+            source="ours: ten times Hicks et al. 2015, which is for plates and markers",
+        ),
+        "error": Limit(
+            value=0.25,
+            unit="BW h",
+            source="ours: the weight a quarter of the CoM height off its support",
+        ),
+    },
+)

@@ -1,0 +1,47 @@
+"""The floor would have to pull.
+
+What it does
+------------
+Frames whose required vertical force is negative beyond a deadband.
+
+Why it matters
+--------------
+Floors push. A body that comes down faster than it falls was pulled.
+
+Threshold
+---------
+Error below -0.1 BW, warning below -0.05 BW: the noise of accelerations after a 6 Hz filter.
+Ours.
+
+Example
+-------
+A jump played at 1.5 times its speed.
+"""
+
+from __future__ import annotations
+
+from physretarget.validation.analysis import Analysis
+from physretarget.validation.rule import Limit, Limits, Rule, Verdict, exceeding
+
+
+def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+    """The floor would have to pull."""
+    if "required_force" not in analysis.has:
+        return Verdict(not_covered=analysis.no_forces_because)
+    return exceeding(
+        analysis, rule, -analysis["required_force"][:, 2], warning=limits["warning"],
+        error=limits["error"], unit="BW", sign=-1.0,
+        message="the required vertical force is {value} {unit}: the floor would pull",
+    )  # fmt: skip
+
+
+RULE = Rule(
+    code="DYN003",
+    name="pulling-floor",
+    doc=__doc__ or "",
+    check=check,
+    limits={
+        "warning": Limit(value=0.05, unit="BW", source="ours: noise of filtered accelerations"),
+        "error": Limit(value=0.1, unit="BW", source="ours: 1 m/s^2 beyond free fall"),
+    },
+)

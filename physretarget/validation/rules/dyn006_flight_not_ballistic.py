@@ -1,0 +1,62 @@
+"""In the air the centre of mass does not fall freely.
+
+What it does
+------------
+Acceleration of the CoM minus gravity in frames without contact that need no support (those that
+do are CON003's), the smear of the filter left out.
+
+Why it matters
+--------------
+Flight is ballistic. Slow motion in the air, or a fall that is too fast, is the classic fault of
+retargeted jumps.
+
+Threshold
+---------
+Warning from 1.5 m/s^2, error from 3 m/s^2 (a third of gravity) held for 0.05 s: ours; people
+see errors of gravity from about a fifth on (Reitsma and Pollard 2003).
+
+Example
+-------
+A hop played at half speed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from physretarget.validation import states
+from physretarget.validation.analysis import Analysis
+from physretarget.validation.rule import Limit, Limits, Rule, Verdict, exceeding
+
+
+def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+    """In the air the centre of mass does not fall freely."""
+    if not analysis.judges_forces:
+        return Verdict(not_covered=analysis.no_forces_because)
+    judged = states.flight(analysis) & ~states.floating(analysis)
+    if not judged.any():
+        return Verdict()
+    gravity = float(np.linalg.norm(analysis.character.model.opt.gravity))
+    error = np.linalg.norm(analysis["required_force"], axis=1) * gravity
+    return exceeding(
+        analysis, rule, np.where(judged, error, np.nan), warning=limits["warning"],
+        error=limits["error"], unit="m/s^2", minimum_s=limits["hold"],
+        message="in the air the CoM's acceleration is {value} {unit} off gravity (limit {limit})",
+    )  # fmt: skip
+
+
+RULE = Rule(
+    code="DYN006",
+    name="flight-not-ballistic",
+    doc=__doc__ or "",
+    check=check,
+    limits={
+        "warning": Limit(
+            value=1.5,
+            unit="m/s^2",
+            source="Reitsma and Pollard 2003: about a fifth of gravity is noticed",
+        ),
+        "error": Limit(value=3.0, unit="m/s^2", source="ours: a third of gravity"),
+        "hold": Limit(value=0.05, unit="s", source="ours"),
+    },
+)

@@ -1,0 +1,53 @@
+"""In the air the angular momentum changes.
+
+What it does
+------------
+Moment about the CoM that the motion requires in frames without contact, in body weight times
+CoM height.
+
+Why it matters
+--------------
+Nothing can turn a body in the air; limbs only trade spin among themselves.
+
+Threshold
+---------
+Warning from 0.05 BW h, error from 0.15 BW h held for 0.05 s: ours; the moment of a tenth of
+body weight at half the CoM height.
+
+Example
+-------
+A somersault that starts after take-off.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from physretarget.validation import states
+from physretarget.validation.analysis import Analysis
+from physretarget.validation.rule import Limit, Limits, Rule, Verdict, exceeding
+
+
+def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+    """In the air the angular momentum changes."""
+    if not analysis.judges_forces:
+        return Verdict(not_covered=analysis.no_forces_because)
+    judged = states.flight(analysis) & ~states.floating(analysis)
+    moment = np.linalg.norm(analysis["required_moment"], axis=1)
+    return exceeding(
+        analysis, rule, np.where(judged, moment, np.nan), warning=limits["warning"],
+        error=limits["error"], unit="BW h", minimum_s=0.05,
+        message="{value} {unit} turn the body in the air (limit {limit})",
+    )  # fmt: skip
+
+
+RULE = Rule(
+    code="DYN007",
+    name="flight-spin",
+    doc=__doc__ or "",
+    check=check,
+    limits={
+        "warning": Limit(value=0.05, unit="BW h", source="ours"),
+        "error": Limit(value=0.15, unit="BW h", source="ours"),
+    },
+)

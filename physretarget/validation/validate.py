@@ -1,0 +1,131 @@
+"""From a clip and a character to a report."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physretarget import __version__
+from physretarget.clip import Clip
+from physretarget.errors import InputError
+from physretarget.mjcf import Character
+from physretarget.validation.analysis import Analysis, analyse
+from physretarget.validation.codes import RULES
+from physretarget.validation.config import Settings
+from physretarget.validation.literature import literature
+from physretarget.validation.measures import measures
+from physretarget.validation.report import (
+    ClipFacts,
+    Coverage,
+    Finding,
+    ModelFacts,
+    Report,
+    UsedSettings,
+)
+
+DERIVATIVE = "central differences, second order"
+# Per-frame arrays that timelines show.
+_SERIES = (
+    "unexplained_force", "unexplained_moment", "lowest", "deepest", "skate", "cop_outside",
+    "friction_demand", "torque_ratio", "joint_speed", "limit_excess", "jerk",
+    "self_penetration", "touching",
+)  # fmt: skip
+
+
+def validate(clip: Clip, character: Character, *, settings: Settings | None = None) -> Report:
+    """Judge a clip.
+
+    Raises InputError where the clip does not fit the model, UsageError where settings make no
+    sense. What cannot be judged is in the report's coverage, never an exception.
+    """
+    settings = settings or Settings()
+    chosen = settings.chosen(RULES)
+    if clip.qpos.shape[1] != character.tree.nq:
+        raise InputError(
+            f"the clip has {clip.qpos.shape[1]} coordinates per frame, "
+            f"model '{character.name}' has nq = {character.tree.nq}.",
+            path=clip.path,
+        )
+    analysis = analyse(clip, character, settings)
+    findings: list[Finding] = []
+    coverage: list[Coverage] = []
+    for rule in chosen:
+        verdict = rule.check(analysis, settings.limits_of(rule), rule)
+        if verdict.not_covered is not None:
+            coverage.append(
+                Coverage(code=rule.code, status="not-covered", reason=verdict.not_covered)
+            )
+            continue
+        coverage.append(Coverage(code=rule.code, status="checked"))
+        told = settings.severity.get(rule.code)
+        findings += (replace(f, severity=told) if told else f for f in verdict.findings)
+    findings.sort(key=lambda f: (f.severity != "error", -f.excess, f.code, f.frame or 0))
+    return Report(
+        tool={"name": "physretarget", "version": __version__},
+        clip=_clip_facts(analysis),
+        model=_model_facts(character),
+        settings=_used(analysis),
+        measures=measures(analysis),
+        findings=tuple(findings),
+        coverage=tuple(coverage),
+        literature=literature(analysis) if settings.also_literature else {},
+        series=_series(analysis),
+    )
+
+
+def validate_many(
+    clips: Sequence[Clip],
+    character: Character,
+    *,
+    settings: Settings | None = None,
+    workers: int = 1,
+) -> Iterator[Report]:
+    """Judge several clips of one character, in order; ``workers`` threads share the work."""
+    if workers <= 1:
+        for clip in clips:
+            yield validate(clip, character, settings=settings)
+        return
+    with ThreadPoolExecutor(workers) as pool:
+        yield from pool.map(lambda clip: validate(clip, character, settings=settings), clips)
+
+
+def _clip_facts(analysis: Analysis) -> ClipFacts:
+    clip = analysis.clip
+    return ClipFacts(
+        path=clip.path or clip.name, sha256=clip.sha256 or "", frames=clip.frames,
+        duration_s=clip.duration, fps=clip.fps, notes=clip.notes,
+    )  # fmt: skip
+
+
+def _model_facts(character: Character) -> ModelFacts:
+    return ModelFacts(
+        path=str(character.path) if character.path else character.name,
+        sha256=character.sha256, mass_kg=character.mass, com_height_m=character.com_height,
+        notes=character.notes,
+    )  # fmt: skip
+
+
+def _used(analysis: Analysis) -> UsedSettings:
+    return UsedSettings(
+        profile=analysis.settings.profile,
+        lowpass_hz=analysis.settings.lowpass_hz,
+        derivative=DERIVATIVE,
+        contact_tolerance_m=analysis.tolerance,
+        friction=analysis.friction,
+        floor_height_m=analysis.character.floor_height,
+        contact=analysis.work.points.source,
+    )
+
+
+def _series(analysis: Analysis) -> dict[str, NDArray[np.float64]]:
+    series = {name: analysis[name] for name in _SERIES if name in analysis.has}
+    series["time"] = analysis.time
+    if "required_force" in analysis.has:
+        series["required_force_vertical"] = analysis["required_force"][:, 2]
+    if "contact_force" in analysis.has:
+        series["contact_force_vertical"] = analysis["contact_force"][:, 2]
+    return series
