@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -34,6 +35,7 @@ _LEAST_ERROR = 0.012  # m; smaller errors are never suspicious
 _ROBUST_ROUNDS = 3
 _LEAP = 5.0  # m/s
 _AROUND_LEAP = 0.05  # s
+_AWAY = 0.5  # s; a second leap within this time is the way back
 _LIMBS = {
     "trunk": ("pelvis", "chest"),
     **{
@@ -161,11 +163,17 @@ def _steps_blanked(position: Floats, fps: float, notes: list[str]) -> Floats:
     leap[2:-3] = np.nan_to_num(speed[2:-2]) > around + _LEAP
     if not leap.any():
         return position
+    leapt = (int(leap.any(axis=0).sum()), int(leap.any(axis=1).sum()))
+    for k in np.flatnonzero(leap.any(axis=0)):
+        frames = np.flatnonzero(leap[:, k])
+        for there, back in pairwise(frames):
+            if back - there <= _AWAY * fps:
+                leap[there:back, k] = True
     wide = max(1, round(_AROUND_LEAP * fps))
     doubtful = maximum_filter1d(leap, size=2 * wide + 1, axis=0)
     notes.append(
-        f"{int(leap.any(axis=0).sum())} markers leap in {int(leap.any(axis=1).sum())} frames: "
-        f"{1000 * _AROUND_LEAP:.0f} ms on either side were taken for gaps"
+        f"{leapt[0]} markers leap in {leapt[1]} frames: {1000 * _AROUND_LEAP:.0f} ms on either "
+        "side, and what lies between there and back, were taken for gaps"
     )
     return np.where(doubtful[..., None], np.nan, position)
 
@@ -303,10 +311,10 @@ def _on_floor(
         floor = lowest
     tip, heel = shape.tip.copy(), shape.heel.copy()
     for i, heights in enumerate(still):
-        on = heights[np.abs(heights - floor) < 0.04]
+        on = heights[np.abs(heights - floor) < 0.06]
         if len(on) < 5:
             continue
-        down = float(np.clip(np.median(on) - floor, -0.03, 0.03))
+        down = float(np.clip(np.median(on) - floor, -0.05, 0.05))
         side, is_toe = divmod(i, 2)
         foot = SEGMENT[("left_foot", "right_foot")[side]]
         if is_toe:
