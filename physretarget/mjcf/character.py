@@ -147,6 +147,10 @@ class Character:
 
 
 def _compiled(source: Source) -> mujoco.MjModel:
+    if source.assets:
+        # MuJoCo keeps assets by path and second of change: one rewritten quickly would come
+        # back as it was, against the hash.
+        mujoco.mj_clearCache(mujoco.mj_getCache())
     try:
         if source.path is not None:
             return mujoco.MjModel.from_xml_path(str(source.path))
@@ -277,7 +281,8 @@ def _floor(
 
 def _bounds(model: mujoco.MjModel) -> tuple[Array, Array]:
     lower, upper = np.full(model.nq, -np.inf), np.full(model.nq, np.inf)
-    scalar = np.isin(model.jnt_type, (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE))
+    kinds = mujoco.mjtJoint
+    scalar = (model.jnt_type == kinds.mjJNT_HINGE) | (model.jnt_type == kinds.mjJNT_SLIDE)
     limited = np.flatnonzero(scalar & model.jnt_limited.astype(bool))
     at = model.jnt_qposadr[limited]
     lower[at], upper[at] = model.jnt_range[limited].T

@@ -10,6 +10,9 @@ __all__ = ["body_radius", "lowest_and_highest", "tree_bodies"]
 
 Array = NDArray[np.float64]
 
+# NumPy integers are members of a tuple only of integers, not of MuJoCo's enums.
+_ENDLESS = (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD))
+
 
 def tree_bodies(model: mujoco.MjModel, root_body: int) -> NDArray[np.int64]:
     """Ids of the bodies in the subtree of `root_body`, itself included, ascending."""
@@ -30,7 +33,7 @@ def lowest_and_highest(
     geoms = [
         int(geom)
         for geom in np.flatnonzero(np.isin(model.geom_bodyid, bodies))
-        if model.geom_type[geom] not in (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
+        if int(model.geom_type[geom]) not in _ENDLESS
     ]
     if not geoms:
         heights = np.concatenate([data.xpos[bodies, 2], data.xipos[bodies, 2]])

@@ -208,6 +208,7 @@ def test_includes_and_assets_enter_the_hash(tmp_path: Path) -> None:
     (tmp_path / "assets" / "m.obj").write_text(mesh.replace("v 1 0 0", "v 2 0 0"))
     second = Character.load(tmp_path / "model.xml", untrusted=True)
     assert first.sha256 != second.sha256
+    assert second.mass == pytest.approx(2 * first.mass)
 
 
 def test_comments_that_only_mujoco_reads_are_noted(tmp_path: Path) -> None:
