@@ -115,13 +115,18 @@ class Canvas:
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._target)
         self.model = model
         self.scene = mujoco.MjvScene(model, maxgeom=max_geom)
-        self._options = mujoco.MjvOption()
         self._size = mujoco.MjrRect(0, 0, width, height)
 
-    def look(self, data: mujoco.MjData, camera: mujoco.MjvCamera) -> None:
+    def look(
+        self,
+        data: mujoco.MjData,
+        camera: mujoco.MjvCamera,
+        options: mujoco.MjvOption | None = None,
+    ) -> None:
         """Fill ``scene`` with what a camera sees; more may be added before drawing."""
+        options = options or mujoco.MjvOption()
         seen = mujoco.mjtCatBit.mjCAT_ALL
-        mujoco.mjv_updateScene(self.model, data, self._options, None, camera, seen, self.scene)
+        mujoco.mjv_updateScene(self.model, data, options, None, camera, seen, self.scene)
 
     def draw(self) -> NDArray[np.uint8]:
         """The picture (height, width, 3)."""

@@ -25,6 +25,8 @@ FORCE_RGBA = np.array([0.07, 0.71, 0.65, 1.0], dtype=np.float32)
 CONTACT_RGBA = np.array([0.09, 0.78, 0.52, 1.0], dtype=np.float32)
 # One body weight is drawn as long as 0.45 of the figure's height, as in the browser.
 FORCE_SCALE = 0.45
+# Geom groups 1 to 5 tell the figures of a split scene apart; group 0 is the floor.
+MAX_VIEWS = 5
 _TOO_SMALL_FOR_A_MESH = 4
 
 
@@ -56,27 +58,45 @@ class Stage:
         return frame
 
     def offset(self, figure: Figure) -> Array:
-        """Where a figure stands; MuJoCo's screens have one view, so split means one stage."""
-        if self.scene.layout == "overlay" or len(self.figures) == 1:
+        """Where a figure stands: at its own place on one stage, else at its real one."""
+        if self.scene.layout != "stage" or len(self.figures) == 1:
             return np.zeros(3)
         return np.array(figure.offset)
 
-    def middle(self, seconds: float) -> Array:
-        """Mean centre of mass (3,) of the shown figures, for cameras that follow."""
+    def views(self) -> tuple[tuple[int, ...], ...]:
+        """The figures of each view: one view for each when the scene is split, else one for all."""
+        everyone = tuple(range(len(self.figures)))
+        if self.scene.layout == "split" and 1 < len(everyone) <= MAX_VIEWS:
+            return tuple((k,) for k in everyone)
+        return (everyone,)
+
+    def options(self, view: tuple[int, ...]) -> mujoco.MjvOption:
+        """What MuJoCo must show for a view: floor and the view's figures, by geom group."""
+        options = mujoco.MjvOption()
+        mujoco.mjv_defaultOption(options)
+        options.geomgroup[:] = 0
+        options.geomgroup[[0, *(_group(k) for k in view)]] = 1
+        return options
+
+    def middle(self, seconds: float, view: tuple[int, ...]) -> Array:
+        """Mean centre of mass (3,) of a view's figures, for cameras that follow."""
         frame, part = self.scene.clock.between(seconds)
         after = min(frame + 1, self.scene.clock.frames - 1)
-        centres = [_blend(f.com, frame, after, part) + self.offset(f) for f in self.figures]
+        shown = [self.figures[k] for k in view]
+        centres = [_blend(f.com, frame, after, part) + self.offset(f) for f in shown]
         return np.asarray(np.mean(centres, axis=0), dtype=np.float64)
 
-    def extent(self) -> float:
-        """Distance (m) that a camera must see: height, and the figures' places."""
-        places = np.array([self.offset(f)[:2] for f in self.figures])
-        spread = float(np.max(np.ptp(places, axis=0))) if len(places) > 1 else 0.0
-        return max(self.size, 0.7 * self.size + spread)
+    def extent(self, view: tuple[int, ...]) -> tuple[float, float]:
+        """Height and width (m) that a view's camera must see: figures and their places."""
+        shown = [self.figures[k] for k in view]
+        tall = max(f.height for f in shown)
+        places = np.array([self.offset(f)[:2] for f in shown])
+        return tall, 0.8 * tall + float(np.max(np.ptp(places, axis=0)))
 
-    def draw_over(self, scene: mujoco.MjvScene, frame: int) -> None:
-        """Add force arrows and standing contact points of a frame to a picture."""
-        for figure, (bodies, ids) in zip(self.figures, self._mocap, strict=True):
+    def draw_over(self, scene: mujoco.MjvScene, frame: int, view: tuple[int, ...]) -> None:
+        """Add force arrows and standing contact points of a frame to a view's picture."""
+        for k in view:
+            figure, (bodies, ids) = self.figures[k], self._mocap[k]
             self._arrows(scene, figure, frame)
             self._contacts(scene, figure, frame, dict(zip(bodies, ids, strict=True)))
 
@@ -131,6 +151,10 @@ def _blend(track: Array, frame: int, after: int, part: float) -> Array:
     return np.asarray((1 - part) * track[frame] + part * track[after], dtype=np.float64)
 
 
+def _group(figure: int) -> int:
+    return 1 + figure % MAX_VIEWS
+
+
 def _body_name(figure: int, body: int) -> str:
     return f"f{figure}b{body}"
 
@@ -147,8 +171,8 @@ def _model(figures: tuple[Figure, ...], size: float, width: int, height: int) ->
     quality = spec.visual
     quality.global_.offwidth, quality.global_.offheight = width, height
     quality.global_.fovy = 30.0
-    quality.quality.shadowsize = 4096
-    quality.headlight.ambient[:] = 0.38
+    quality.quality.shadowsize = 2048
+    quality.headlight.ambient[:] = 0.46
     quality.headlight.diffuse[:] = 0.28
     quality.headlight.specular[:] = 0.05
     quality.map.znear, quality.map.zfar, quality.map.shadowclip = 0.01, 60.0, 1.6
@@ -166,8 +190,8 @@ def _surroundings(spec: mujoco.MjSpec, size: float) -> None:
         name="sky",
         type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
         builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-        rgb1=[0.95, 0.96, 0.98],
-        rgb2=[0.80, 0.84, 0.90],
+        rgb1=[0.96, 0.97, 0.99],
+        rgb2=[0.90, 0.92, 0.95],
         width=256,
         height=1536,
     )
@@ -176,13 +200,13 @@ def _surroundings(spec: mujoco.MjSpec, size: float) -> None:
         type=mujoco.mjtTexture.mjTEXTURE_2D,
         builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT,
         mark=mujoco.mjtMark.mjMARK_EDGE,
-        rgb1=[0.84, 0.87, 0.91],
-        rgb2=[0.84, 0.87, 0.91],
-        markrgb=[0.62, 0.67, 0.75],
+        rgb1=[0.93, 0.945, 0.97],
+        rgb2=[0.93, 0.945, 0.97],
+        markrgb=[0.66, 0.71, 0.79],
         width=512,
         height=512,
     )
-    floor = spec.add_material(name="floor", texrepeat=[2, 2], texuniform=True, reflectance=0.06)
+    floor = spec.add_material(name="floor", texrepeat=[2, 2], texuniform=True)
     floor.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "tiles"
     spec.worldbody.add_geom(
         type=mujoco.mjtGeom.mjGEOM_PLANE,
@@ -207,11 +231,17 @@ def _add_figure(spec: mujoco.MjSpec, index: int, figure: Figure) -> None:
         for body in sorted({shape.body for shape in figure.shapes})
     }
     for number, shape in enumerate(figure.shapes):
-        _add_shape(spec, bodies[shape.body], figure, shape, f"f{index}s{number}")
+        name = f"f{index}s{number}"
+        _add_shape(spec, bodies[shape.body], figure, shape, name, _group(index))
 
 
 def _add_shape(
-    spec: mujoco.MjSpec, body: mujoco.MjsBody, figure: Figure, shape: Shape, name: str
+    spec: mujoco.MjSpec,
+    body: mujoco.MjsBody,
+    figure: Figure,
+    shape: Shape,
+    name: str,
+    group: int,
 ) -> None:
     painted = figure.repaint or not shape.declared
     color = figure.tint if painted and figure.tint else shape.rgba[:3]
@@ -228,6 +258,7 @@ def _add_shape(
         "pos": shape.position,
         "quat": shape.rotation,
         "material": name,
+        "group": group,
         "contype": 0,
         "conaffinity": 0,
     }

@@ -86,36 +86,47 @@ def pictures(
     """The film's pictures (height, width, 3), one by one; needs a working OpenGL backend."""
     stage = Stage(scene, width=width, height=height)
     times = scene.clock.ticks(fps, speed=speed)
-    followed = _calm_path(stage, times)
+    views = stage.views()
+    followed = [_calm_path(stage, times, view) for view in views]
+    wide = width // len(views)
     caption = Caption(scene, width, height)
-    with Canvas(stage.model, width, height, backend=choose_backend()) as canvas:
+    with Canvas(stage.model, wide, height, backend=choose_backend()) as canvas:
         for k, seconds in enumerate(times):
             frame = stage.pose(float(seconds))
-            canvas.look(stage.data, _camera(stage, followed[k], width / height))
-            stage.draw_over(canvas.scene, frame)
-            yield caption.over(canvas.draw(), float(seconds), frame)
+            picture = np.full((height, width, 3), 255, dtype=np.uint8)
+            for v, view in enumerate(views):
+                camera = _camera(stage, view, followed[v][k], wide / height)
+                canvas.look(stage.data, camera, stage.options(view))
+                stage.draw_over(canvas.scene, frame, view)
+                picture[:, v * wide : (v + 1) * wide] = canvas.draw()
+            yield caption.over(picture, float(seconds), frame)
             if progress is not None:
                 progress(k + 1, len(times))
 
 
-def _calm_path(stage: Stage, times: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Where the camera looks (T, 3): the figures' middle, averaged over about a second."""
-    middle = np.array([stage.middle(float(t)) for t in times])
+def _calm_path(
+    stage: Stage, times: NDArray[np.float64], view: tuple[int, ...]
+) -> NDArray[np.float64]:
+    """Where a view's camera looks (T, 3): its figures' middle, averaged over about a second."""
+    middle = np.array([stage.middle(float(t), view) for t in times])
     step = float(times[1] - times[0]) if len(times) > 1 else 1.0
     reach = min(max(int(0.6 / step), 1), max(len(times) // 2, 1))
     padded = np.pad(middle, ((reach, reach), (0, 0)), mode="edge")
     sums = np.cumsum(np.vstack([np.zeros(3), padded]), axis=0)
     calm = (sums[2 * reach + 1 :] - sums[: -2 * reach - 1]) / (2 * reach + 1)
-    calm[:, 2] = 0.47 * stage.size
+    calm[:, 2] = 0.5 * stage.extent(view)[0]
     return np.asarray(calm, dtype=np.float64)
 
 
-def _camera(stage: Stage, target: NDArray[np.float64], aspect: float) -> mujoco.MjvCamera:
+def _camera(
+    stage: Stage, view: tuple[int, ...], target: NDArray[np.float64], aspect: float
+) -> mujoco.MjvCamera:
     camera = mujoco.MjvCamera()
     camera.type = mujoco.mjtCamera.mjCAMERA_FREE
     camera.lookat[:] = target
     camera.azimuth, camera.elevation = 143.0, -14.0
-    camera.distance = 2.7 * max(stage.size * 1.05, stage.extent() / min(aspect, 1.6))
+    tall, wide = stage.extent(view)
+    camera.distance = 2.6 * max(1.05 * tall, wide / aspect)
     return camera
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import mujoco
@@ -76,7 +76,9 @@ def play(scene: Scene, *, speed: float = 1.0) -> None:
     check_display()
     import mujoco.viewer
 
-    stage = Stage(scene)
+    # One window has one view: figures that would have had one each stand side by side.
+    layout = "stage" if scene.layout == "split" else scene.layout
+    stage = Stage(replace(scene, layout=layout))
     playback = Playback(scene, scene.clock.start, speed=speed)
     try:
         viewer = mujoco.viewer.launch_passive(
@@ -96,11 +98,13 @@ def play(scene: Scene, *, speed: float = 1.0) -> None:
 
 
 def _run(stage: Stage, playback: Playback, viewer: Any) -> None:
-    middle = stage.middle(playback.seconds)
+    everyone = tuple(range(len(stage.figures)))
+    middle, (tall, wide) = stage.middle(playback.seconds, everyone), stage.extent(everyone)
     with viewer.lock():
-        viewer.cam.lookat[:] = (middle[0], middle[1], 0.47 * stage.size)
+        viewer.opt.geomgroup[:] = 1
+        viewer.cam.lookat[:] = (middle[0], middle[1], 0.5 * tall)
         viewer.cam.azimuth, viewer.cam.elevation = 143.0, -14.0
-        viewer.cam.distance = 2.7 * stage.extent()
+        viewer.cam.distance = 2.6 * max(tall, wide / 1.5)
     before = time.perf_counter()
     while viewer.is_running():
         now = time.perf_counter()
@@ -115,7 +119,7 @@ def show(stage: Stage, playback: Playback, viewer: Any) -> None:
     with viewer.lock():
         frame = stage.pose(playback.seconds)
         viewer.user_scn.ngeom = 0
-        stage.draw_over(viewer.user_scn, frame)
+        stage.draw_over(viewer.user_scn, frame, tuple(range(len(stage.figures))))
     viewer.set_texts(texts(playback, frame))
     viewer.sync()
 
