@@ -106,7 +106,7 @@ def finish(raw: Raw, character: Layout | None, told: Told) -> Clip:
         time=time,
         joint_names=names,
         model_name=raw.model_name or (character.name if character else ""),
-        model_sha256=raw.model_sha256 or (character.sha256 if character else ""),
+        model_sha256=raw.model_sha256,
         contact_points=raw.contact_points,
         contact_active=raw.contact_active,
         meta=meta,

@@ -28,12 +28,18 @@ from physretarget.validation.report import (
 )
 
 DERIVATIVE = "central differences, second order"
-# Per-frame arrays that timelines show.
-_SERIES = (
-    "unexplained_force", "unexplained_moment", "lowest", "deepest", "skate", "cop_outside",
-    "friction_demand", "torque_ratio", "joint_speed", "limit_excess", "jerk",
-    "self_penetration", "touching",
-)  # fmt: skip
+# Per-frame arrays that timelines show, by the names they have there.
+_SERIES = {
+    "unexplained_force_bw": "unexplained_force",
+    "unexplained_moment_bwh": "unexplained_moment",
+    "lowest_point_m": "lowest",
+    "skate_speed_m_s": "skate",
+    "cop_outside_m": "cop_outside",
+    "joint_torque_ratio": "torque_ratio",
+    "joint_speed_rad_s": "joint_speed",
+    "self_penetration_m": "self_penetration",
+    "jerk_dimensionless": "jerk",
+}
 
 
 def validate(clip: Clip, character: Character, *, settings: Settings | None = None) -> Report:
@@ -122,10 +128,11 @@ def _used(analysis: Analysis) -> UsedSettings:
 
 
 def _series(analysis: Analysis) -> dict[str, NDArray[np.float64]]:
-    series = {name: analysis[name] for name in _SERIES if name in analysis.has}
-    series["time"] = analysis.time
-    if "required_force" in analysis.has:
-        series["required_force_vertical"] = analysis["required_force"][:, 2]
-    if "contact_force" in analysis.has:
-        series["contact_force_vertical"] = analysis["contact_force"][:, 2]
+    series = {shown: analysis[name] for shown, name in _SERIES.items() if name in analysis.has}
+    for shown, name in (
+        ("required_force_vertical_bw", "required_force"),
+        ("contact_force_vertical_bw", "contact_force"),
+    ):
+        if name in analysis.has:
+            series[shown] = analysis[name][:, 2]
     return series

@@ -1,0 +1,23 @@
+"""A report as JSON, and the schema it keeps."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+from physretarget.validation.report import Report
+
+
+def render_json(report: Report) -> str:
+    """The JSON document of interface ``physretarget/report/1``, keys in a fixed order."""
+    return json.dumps(report.to_dict(), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+@cache
+def schema() -> dict[str, Any]:
+    """The JSON Schema of :func:`render_json`, as shipped with the package."""
+    text = files("physretarget.report").joinpath("schema.json").read_text(encoding="utf-8")
+    loaded: dict[str, Any] = json.loads(text)
+    return loaded

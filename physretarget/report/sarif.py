@@ -1,0 +1,110 @@
+"""Reports as SARIF 2.1.0 (OASIS), for viewers that know the format.
+
+A finding's place is the clip's file. Where a frame is a line of that file (csv without a
+header) it is the region; everywhere else frames stand in the message and the properties.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import PurePath
+from typing import Any
+from urllib.parse import quote
+
+from physretarget import __version__
+from physretarget.validation.codes import RULES
+from physretarget.validation.report import Finding, Report
+from physretarget.validation.rule import Rule
+
+_SCHEMA = (
+    "https://docs.oasis-open.org/sarif/sarif/v2.1.0/errata01/os/schemas/sarif-schema-2.1.0.json"
+)
+
+
+def render_sarif(reports: Report | Sequence[Report]) -> str:
+    """One run with all rules and the findings of all clips."""
+    many = [reports] if isinstance(reports, Report) else list(reports)
+    run = {
+        "tool": {
+            "driver": {
+                "name": "physretarget",
+                "version": __version__,
+                "semanticVersion": __version__,
+                "rules": [_rule(rule) for rule in RULES],
+            }
+        },
+        "artifacts": [
+            {"location": {"uri": _uri(r.clip.path)}, "hashes": {"sha-256": r.clip.sha256}}
+            if r.clip.sha256
+            else {"location": {"uri": _uri(r.clip.path)}}
+            for r in many
+        ],
+        "invocations": [
+            {
+                "executionSuccessful": True,
+                "toolExecutionNotifications": [n for r in many for n in _gaps(r)],
+            }
+        ],
+        "results": [_result(f, r, i) for i, r in enumerate(many) for f in r.findings],
+    }
+    document = {"$schema": _SCHEMA, "version": "2.1.0", "runs": [run]}
+    return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _rule(rule: Rule) -> dict[str, Any]:
+    sections = rule.sections
+    text = "\n\n".join(f"{title}: {' '.join(body.split())}" for title, body in sections.items())
+    return {
+        "id": rule.code,
+        "name": "".join(part.capitalize() for part in rule.name.split("-")),
+        "shortDescription": {"text": rule.summary},
+        "fullDescription": {"text": " ".join(sections["What it does"].split())},
+        "help": {"text": text},
+        "properties": {"family": rule.family},
+    }
+
+
+def _result(finding: Finding, report: Report, index: int) -> dict[str, Any]:
+    message = finding.message
+    if finding.frame_first is not None:
+        message += f" [frames {finding.frame_first}-{finding.frame_last}, look at {finding.frame}]"
+    physical: dict[str, Any] = {"artifactLocation": {"uri": _uri(report.clip.path), "index": index}}
+    if finding.frame_first is not None and report.clip.path.lower().endswith(".csv"):
+        last = finding.frame_last if finding.frame_last is not None else finding.frame_first
+        physical["region"] = {"startLine": finding.frame_first + 1, "endLine": last + 1}
+    location: dict[str, Any] = {"physicalLocation": physical}
+    if finding.body:
+        location["logicalLocations"] = [{"name": finding.body, "kind": "object"}]
+    return {
+        "ruleId": finding.code,
+        "ruleIndex": next(i for i, rule in enumerate(RULES) if rule.code == finding.code),
+        "level": finding.severity,
+        "message": {"text": message},
+        "locations": [location],
+        "properties": {
+            "frameFirst": finding.frame_first,
+            "frameLast": finding.frame_last,
+            "frame": finding.frame,
+            "timeSeconds": finding.time_s,
+            "value": finding.value,
+            "limit": finding.limit,
+            "unit": finding.unit,
+        },
+    }
+
+
+def _gaps(report: Report) -> list[dict[str, Any]]:
+    return [
+        {
+            "level": "note",
+            "message": {"text": f"{report.clip.path}: {c.code} not covered, {c.reason}"},
+            "associatedRule": {"id": c.code},
+        }
+        for c in report.coverage
+        if c.status == "not-covered"
+    ]
+
+
+def _uri(path: str) -> str:
+    return quote(PurePath(path).as_posix(), safe="/:")

@@ -1,0 +1,38 @@
+"""Nothing of the model can touch the floor.
+
+What it does
+------------
+Looks for collision geometry or declared contact points.
+
+Why it matters
+--------------
+Without them support, skating, penetration and floating cannot be judged: most of the report is
+empty.
+
+Threshold
+---------
+None.
+
+Example
+-------
+A robot file whose collision meshes were stripped.
+"""
+
+from __future__ import annotations
+
+from physretarget.validation.analysis import Analysis
+from physretarget.validation.model import audited
+from physretarget.validation.rule import Limits, Rule, Verdict
+
+
+def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+    """Nothing of the model can touch the floor."""
+    return audited(analysis, rule, errors=(), warnings=("no_contact_geometry",))
+
+
+RULE = Rule(
+    code="MDL006",
+    name="no-contact-geometry",
+    doc=__doc__ or "",
+    check=check,
+)
