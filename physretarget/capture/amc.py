@@ -347,18 +347,19 @@ def _complete(
 def _assemble(rig: _Skeleton, values: dict[int, Floats]) -> tuple[Floats, Floats]:
     """World positions of the bones' starts, and rotations that are equal in the rest pose."""
     frames = len(next(iter(values.values())))
-    local, rotation = [], []
-    for i, bone in enumerate(rig.bones):
-        place = np.tile(_start(rig, i), (frames, 1))
-        turn = np.tile(np.eye(3), (frames, 1, 1))
-        for column, dof in enumerate(bone.dofs):
-            if dof.startswith("t"):
-                place[:, "xyz".index(dof[1])] += values[i][:, column]
-            elif dof.startswith("r"):
-                turn = _about("xyz".index(dof[1]), values[i][:, column]) @ turn
-        local.append(place)
-        rotation.append(bone.axis @ turn @ bone.axis.T)
-    return chain_positions([bone.parent for bone in rig.bones], local, rotation)
+
+    def local() -> Iterator[tuple[Floats, Floats]]:
+        for i, bone in enumerate(rig.bones):
+            place = np.tile(_start(rig, i), (frames, 1))
+            turn = np.tile(np.eye(3), (frames, 1, 1))
+            for column, dof in enumerate(bone.dofs):
+                if dof.startswith("t"):
+                    place[:, "xyz".index(dof[1])] += values[i][:, column]
+                elif dof.startswith("r"):
+                    turn = _about("xyz".index(dof[1]), values[i][:, column]) @ turn
+            yield place, bone.axis @ turn @ bone.axis.T
+
+    return chain_positions([bone.parent for bone in rig.bones], local(), frames)
 
 
 def _start(rig: _Skeleton, i: int) -> Floats:

@@ -51,17 +51,13 @@ def read_bvh(path: str | Path, *, unit: str | None = None, up: str | None = None
     written as ``nan`` stays NaN.
     """
     content = Path(path).read_bytes()
-    text = content.decode("utf-8-sig", errors="replace").replace("\r\n", "\n").replace("\r", "\n")
-    lines = text.split("\n")
-    if not text.strip():
-        raise InputError("The file is empty.", path=path)
-    start = _motion_line(lines, path)
-    hierarchy = _parse_hierarchy(lines[:start], path)
-    frame_time, values = _parse_motion(lines, start, hierarchy.width, path)
+    digest = sha256_of(content)
+    hierarchy, frame_time, values = _parse(content, path)
+    del content
     position, rotation, notes = _assemble(hierarchy, values)
     raw = Raw(
         path=str(path),
-        sha256=sha256_of(content),
+        sha256=digest,
         format="bvh",
         fps=nice_rate(frame_time),
         names=tuple(joint.name for joint in hierarchy.joints),
@@ -72,6 +68,19 @@ def read_bvh(path: str | Path, *, unit: str | None = None, up: str | None = None
         notes=notes,
     )
     return finish(raw, unit=unit, up=up)
+
+
+def _parse(content: bytes, path: str | Path) -> tuple[_Hierarchy, float, Floats]:
+    """Skeleton, frame time and the channels' values (T, channels)."""
+    text = content.decode("utf-8-sig", errors="replace")
+    if not text.strip():
+        raise InputError("The file is empty.", path=path)
+    if "\r" in text:
+        text = text.replace("\r\n", "\n").replace("\r", "\n")
+    lines = text.split("\n")
+    start = _motion_line(lines, path)
+    hierarchy = _parse_hierarchy(lines[:start], path)
+    return hierarchy, *_parse_motion(lines, start, hierarchy.width, path)
 
 
 def _motion_line(lines: list[str], path: str | Path) -> int:
@@ -274,10 +283,13 @@ def _parse_motion(
     return frame_time, rows
 
 
+_BLOCK = 2000  # rows turned into an array at a time: Python floats take four times the memory
+
+
 def _rows(lines: list[str], start: int, width: int, path: str | Path) -> Floats:
     """All frames; the error names the line whose count or number is wrong."""
+    blocks = [np.empty((0, width))]
     values: list[float] = []
-    at: list[int] = []
     for number in range(start, len(lines)):
         words = lines[number].split()
         if not words:
@@ -289,16 +301,20 @@ def _rows(lines: list[str], start: int, width: int, path: str | Path) -> Floats:
                 line=number + 1,
             )
         try:
-            values.extend(map(float, words))
+            row = [float(word) for word in words]
         except ValueError:
             raise InputError("A value is not a number.", path=path, line=number + 1) from None
-        at.append(number + 1)
-    array = np.array(values, dtype=np.float64).reshape(-1, width)
-    huge = (np.abs(array) > _MAX_VALUE).any(axis=1)
-    if huge.any():
-        row = int(np.argmax(huge))
-        raise InputError(f"A value is infinite or beyond {_MAX_VALUE:g}.", path=path, line=at[row])
-    return array
+        if not -_MAX_VALUE <= min(row) <= max(row) <= _MAX_VALUE and any(
+            abs(value) > _MAX_VALUE for value in row
+        ):
+            raise InputError(
+                f"A value is infinite or beyond {_MAX_VALUE:g}.", path=path, line=number + 1
+            )
+        values += row
+        if len(values) >= _BLOCK * width:
+            blocks.append(np.array(values).reshape(-1, width))
+            values = []
+    return np.concatenate([*blocks, np.array(values).reshape(-1, width)])
 
 
 def _elementary(axis: int, degrees: Floats) -> Floats:
@@ -316,33 +332,36 @@ def _elementary(axis: int, degrees: Floats) -> Floats:
 
 def _assemble(tree: _Hierarchy, values: Floats) -> tuple[Floats, Floats, tuple[str, ...]]:
     """World positions and rotations from the channels."""
-    frames = len(values)
-    local, rotations, added = [], [], 0
-    column = 0
+    added: list[str] = []
+    parents = [joint.parent for joint in tree.joints]
+    position, rotation = chain_positions(parents, _local(tree, values, added), len(values))
+    notes: tuple[str, ...] = ()
+    if added:
+        notes = (f"position channels of {len(added)} joints are added to their OFFSET",)
+    return position, rotation, notes
+
+
+def _local(tree: _Hierarchy, values: Floats, added: list[str]) -> Iterator[tuple[Floats, Floats]]:
+    """Each joint's place and rotation in its parent's frame; ``added`` collects names."""
+    frames, column = len(values), 0
     for joint in tree.joints:
         offset = np.array(joint.offset)
-        channels = joint.channels or []
         place = np.tile(offset, (frames, 1))
         rotation = np.tile(np.eye(3), (frames, 1, 1))
-        moved = np.full((frames, 3), np.nan)
-        moves = []
-        for at, (kind, axis) in enumerate(channels, start=column):
+        moves, columns = [], []
+        for kind, axis in joint.channels or ():
             if kind == "rotation":
-                rotation = rotation @ _elementary(axis, values[:, at])
+                rotation = rotation @ _elementary(axis, values[:, column])
             else:
-                moved[:, axis] = values[:, at]
                 moves.append(axis)
-        column += len(channels)
-        if moves and joint.parent >= 0 and _means_addition(offset[moves], moved[:, moves]):
-            place[:, moves] += moved[:, moves]
-            added += 1
-        elif moves:
-            place[:, moves] = moved[:, moves]
-        local.append(place)
-        rotations.append(rotation)
-    position, rotation = chain_positions([j.parent for j in tree.joints], local, rotations)
-    notes = (f"position channels of {added} joints are added to their OFFSET",) if added else ()
-    return position, rotation, notes
+                columns.append(column)
+            column += 1
+        if moves:
+            place[:, moves] = values[:, columns]
+            if joint.parent >= 0 and _means_addition(offset[moves], place[:, moves]):
+                place[:, moves] += offset[moves]
+                added.append(joint.name)
+        yield place, rotation
 
 
 def _means_addition(offset: Floats, moved: Floats) -> bool:

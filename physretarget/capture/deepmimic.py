@@ -66,7 +66,8 @@ def read_deepmimic(
         at += width
         rotation.append(_rotation(name, values, path))
         local.append(root if parent < 0 else np.tile(np.array(offset), (len(frames), 1)))
-    position, world = chain_positions([joint[1] for joint in _JOINTS], local, rotation)
+    joints = zip(local, rotation, strict=True)
+    position, world = chain_positions([joint[1] for joint in _JOINTS], joints, len(frames))
     raw = Raw(
         path=str(path),
         sha256=sha256_of(content),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -23,7 +23,6 @@ from physretarget.kinematics import continuous, forward, matrix_to_quat
 
 Bools = NDArray[np.bool_]
 
-MASS = 70.0  # kg, where nobody tells the actor's
 _LEG_SHARE = 0.245 + 0.246  # thigh + shank over stature (Winter 2009, fig. 4.1)
 # Heights of joint centres over the floor while the foot stands, in shares of stature; outside
 # these the file's floor or its foot is not what it seems.
@@ -37,12 +36,14 @@ def fit_joints(recording: JointRecording, *, mass: float | None = None) -> Actor
     """Fit the actor to a joint recording.
 
     Bone lengths are the medians of the measured ones, joint rotations those of the file's joints
-    after one constant calibration per segment, and the floor is brought to z = 0. ``mass`` in kg,
-    70 unless told. Raises InputError if hips or legs are not recognised.
+    after one constant calibration per segment, and the floor is brought to z = 0. ``mass`` in kg;
+    by default that of the reference actor, scaled by stature squared. Raises InputError if hips
+    or legs are not recognised.
     """
     path = recording.source.path
+    recording, notes = _without_rest_frame(recording)
     measured, valid, gap_notes = repair(measure(recording), path)
-    notes = [*recording.notes, *gap_notes]
+    notes = [*recording.notes, *notes, *gap_notes]
     calibrated = calibrate(measured)
     if _mirrored(measured, calibrated):
         measured, valid, _ = repair(measure(recording, swapped=True), path)
@@ -52,8 +53,11 @@ def fit_joints(recording: JointRecording, *, mass: float | None = None) -> Actor
     size = _stature(measured)
     floor, floor_note = _floor(measured, calibrated, size)
     notes += floor_note
+    if mass is None:
+        mass = _mass(size)
+        notes.append(f"mass not told: taken as {mass:.0f} kg from a stature of {size:.2f} m")
     turn = _all_turns(calibrated)
-    shape = _shape(measured, calibrated, turn, size, floor, mass or MASS, recording.source.name)
+    shape = _shape(measured, calibrated, turn, size, floor, mass, recording.source.name)
     root = measured.centre["pelvis"] - np.array([0.0, 0.0, floor])
     qpos = _pose(turn, root)
     return ActorMotion(
@@ -66,6 +70,31 @@ def fit_joints(recording: JointRecording, *, mass: float | None = None) -> Actor
         source=recording.source,
         notes=tuple(notes),
     )
+
+
+def _without_rest_frame(recording: JointRecording) -> tuple[JointRecording, list[str]]:
+    """Blank a first frame that holds the rest pose and is no part of the motion.
+
+    Some exporters put it there; it is known by all joint rotations being equal and by a jump of
+    more than 0.2 m to the second frame.
+    """
+    if len(recording.time) < 3:
+        return recording, []
+    first = recording.rotation[0]
+    jump = np.linalg.norm(recording.position[1] - recording.position[0], axis=1)
+    resting = np.abs(first - first[0]).max() < 1e-6
+    if not (resting and np.median(jump) > 0.2):
+        return recording, []
+    position = recording.position.copy()
+    position[0] = np.nan
+    note = "the first frame is the skeleton's rest pose, far from the second: not used"
+    return replace(recording, position=position), [note]
+
+
+def _mass(stature: float) -> float:
+    """The reference actor's mass at another stature, by the body mass index."""
+    reference = ActorShape.reference()
+    return reference.mass * (stature / reference.height) ** 2
 
 
 def _mirrored(measured: Measured, calibrated: Calibrated) -> bool:
@@ -275,25 +304,33 @@ def _sole(
 # ------------------------------------------------------------------------------------- pose
 
 
+_CHUNK = 4096  # frames at a time, so that a long capture needs little beside its own numbers
+
+
 def _pose(turn: Floats, root: Floats) -> Floats:
     """qpos (T, 75) from world rotations (T, 18, 3, 3) and the pelvis' path (T, 3)."""
-    local = turn.copy()
-    for i, parent in enumerate(PARENTS):
-        if parent >= 0:
-            local[:, i] = np.swapaxes(turn[:, parent], 1, 2) @ turn[:, i]
-    quats = continuous(matrix_to_quat(local))
-    return np.concatenate([root, quats.reshape(len(root), -1)], axis=1)
+    quats = np.empty((len(root), len(SEGMENTS), 4))
+    for start in range(0, len(root), _CHUNK):
+        world = turn[start : start + _CHUNK]
+        local = world.copy()
+        for i, parent in enumerate(PARENTS):
+            if parent >= 0:
+                local[:, i] = np.swapaxes(world[:, parent], 1, 2) @ world[:, i]
+        quats[start : start + _CHUNK] = matrix_to_quat(local)
+    return np.concatenate([root, continuous(quats).reshape(len(root), -1)], axis=1)
 
 
 def _error(
     shape: ActorShape, qpos: Floats, measured: Measured, valid: Bools, floor: float
 ) -> float:
     """RMS distance (m) of the actor's joint centres from the file's, over valid frames."""
-    if not valid.any():
-        return float("nan")
-    position = forward(shape.tree(), qpos[valid]).position
-    square = [
-        np.sum((position[:, SEGMENT[s] + 1] - (centre[valid] - [0.0, 0.0, floor])) ** 2, axis=1)
-        for s, centre in measured.centre.items()
-    ]
-    return float(np.sqrt(np.mean(square)))
+    total, count = 0.0, 0
+    for start in range(0, len(qpos), _CHUNK):
+        part = slice(start, start + _CHUNK)
+        good = valid[part]
+        position = forward(shape.tree(), qpos[part][good]).position
+        for segment, centre in measured.centre.items():
+            there = centre[part][good] - np.array([0.0, 0.0, floor])
+            total += float(np.sum((position[:, SEGMENT[segment] + 1] - there) ** 2))
+            count += len(there)
+    return float(np.sqrt(total / count)) if count else float("nan")

@@ -16,6 +16,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 SIDES = ("left", "right")
 
@@ -163,6 +164,20 @@ def _limb(
     return {f"{side}_{role}": joint for role, joint in best.items()}
 
 
+def _completed(
+    limb: dict[str, int], chain: Sequence[str], parents: Sequence[int], side: str
+) -> dict[str, int]:
+    """Fill a limb's unnamed joints by structure: an only child continues its parent's chain."""
+    for above, part in pairwise(chain):
+        start = limb.get(f"{side}_{above}")
+        if start is None or f"{side}_{part}" in limb:
+            continue
+        children = [j for j, parent in enumerate(parents) if parent == start]
+        if len(children) == 1 and children[0] not in limb.values():
+            limb[f"{side}_{part}"] = children[0]
+    return limb
+
+
 def _limb_score(new: Mapping[str, int], old: Mapping[str, int]) -> bool:
     """Whether ``new`` explains the limb better: its three main joints first, then more joints."""
     main = {"thigh", "shank", "foot", "upper_arm", "forearm", "hand"}
@@ -182,11 +197,13 @@ def recognise(names: Sequence[str], parents: Sequence[int]) -> Body:
     roles: dict[str, int] = {}
     for side in SIDES:
         allowed = [j for j in usable if split[j][0] == side]
-        roles |= _limb(("thigh", "shank", "foot", "toe"), words, allowed, parents, side)
+        leg = _limb(("thigh", "shank", "foot", "toe"), words, allowed, parents, side)
+        roles |= _completed(leg, ("thigh", "shank", "foot"), parents, side)
         arm = _limb(
             ("clavicle", "upper_arm", "forearm", "hand", "finger"), words, allowed, parents, side
         )
-        roles |= _acclaim_wrist(arm, names, parents, side)
+        arm = _acclaim_wrist(arm, names, parents, side)
+        roles |= _completed(arm, ("upper_arm", "forearm", "hand"), parents, side)
     central = [j for j in usable if split[j][0] is None]
     return _trunk(roles, words, central, parents)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -127,7 +127,11 @@ def guess_up(raw: Raw, body: Body) -> tuple[str, str]:
 
 
 def finish(raw: Raw, *, unit: str | None, up: str | None) -> JointRecording:
-    """Scale and turn a raw skeleton into the world; what was guessed is noted."""
+    """Scale and turn a raw skeleton into the world; what was guessed is noted.
+
+    The raw arrays are used up: they become the recording's, since two copies of a long
+    capture's rotations would be the largest thing in memory.
+    """
     body = recognise(raw.names, raw.parents)
     notes = list(raw.notes)
     if unit is None:
@@ -139,7 +143,10 @@ def finish(raw: Raw, *, unit: str | None, up: str | None) -> JointRecording:
         up, sentence = guess_up(raw, body)
         notes.append(sentence)
     turn = to_world(up)
-    position = raw.position @ (turn.T * scale)
+    position, rotation = raw.position, raw.rotation
+    for j in range(len(raw.names)):
+        position[:, j] = position[:, j] @ (turn.T * scale)
+        rotation[:, j] = turn @ rotation[:, j]
     reach = np.nanmax(np.abs(position), initial=0.0)
     if reach > 1e5:
         raise InputError(
@@ -154,13 +161,13 @@ def finish(raw: Raw, *, unit: str | None, up: str | None) -> JointRecording:
             unit=unit,
             up=up,
             fps=raw.fps,
-            frames=len(raw.position),
+            frames=len(position),
         ),
         names=raw.names,
         parents=raw.parents,
-        time=np.arange(len(raw.position)) / raw.fps,
+        time=np.arange(len(position)) / raw.fps,
         position=position,
-        rotation=turn @ raw.rotation,
+        rotation=rotation,
         end_sites={name: (j, offset * scale) for name, (j, offset) in raw.end_sites.items()},
         notes=tuple(notes),
     )
@@ -176,17 +183,20 @@ def nice_rate(frame_time: float) -> float:
 
 
 def chain_positions(
-    parents: Sequence[int], local: Sequence[Floats], rotation: Sequence[Floats]
+    parents: Sequence[int], joints: Iterable[tuple[Floats, Floats]], frames: int
 ) -> tuple[Floats, Floats]:
-    """World positions (T, J, 3) and rotations (T, J, 3, 3) from local ones, parents first."""
-    world_p: list[Floats] = []
-    world_r: list[Floats] = []
-    for j, parent in enumerate(parents):
+    """World positions (T, J, 3) and rotations (T, J, 3, 3), parents first.
+
+    ``joints`` yields each joint's place (T, 3) and rotation (T, 3, 3) in its parent's frame; one
+    at a time, since a long capture's do not all fit beside the result.
+    """
+    position = np.empty((frames, len(parents), 3))
+    rotation = np.empty((frames, len(parents), 3, 3))
+    for j, (parent, (place, turn)) in enumerate(zip(parents, joints, strict=True)):
         if parent < 0:
-            world_p.append(local[j])
-            world_r.append(rotation[j])
+            position[:, j], rotation[:, j] = place, turn
         else:
-            turned = np.einsum("tij,tj->ti", world_r[parent], local[j])
-            world_p.append(world_p[parent] + turned)
-            world_r.append(world_r[parent] @ rotation[j])
-    return np.stack(world_p, axis=1), np.stack(world_r, axis=1)
+            above = rotation[:, parent]
+            position[:, j] = position[:, parent] + np.einsum("tij,tj->ti", above, place)
+            rotation[:, j] = above @ turn
+    return position, rotation

@@ -139,7 +139,7 @@ def test_a_floor_that_is_elsewhere_is_shifted_and_stated() -> None:
 @pytest.mark.parametrize(
     ("lost", "words"),
     [
-        (["left_shank"], "left shank"),
+        (["left_thigh", "left_shank"], "left thigh"),
         (["right_thigh", "right_shank", "right_foot", "right_toe"], "right thigh"),
     ],
 )
@@ -182,6 +182,26 @@ def test_without_any_number_there_is_no_motion() -> None:
     motion = recorded(shape, walking(shape), twists("standing"))
     with pytest.raises(InputError, match="No frame"):
         fit_joints(replace(motion, position=np.full_like(motion.position, np.nan)))
+
+
+def test_a_rest_pose_in_the_first_frame_is_not_used() -> None:
+    shape = ActorShape.reference()
+    qpos = walking(shape)
+    qpos[0] = 0.0
+    qpos[0, 3::4] = 1.0
+    got = fit_joints(recorded(shape, qpos, twists("standing")))
+    assert any("rest pose, far" in note for note in got.notes)
+    np.testing.assert_array_equal(np.flatnonzero(~got.valid), [0])
+    np.testing.assert_allclose(got.qpos[0], got.qpos[1], atol=1e-9)
+
+
+def test_mass_is_told_or_follows_from_stature() -> None:
+    shape = ActorShape.reference(1.6)
+    motion = recorded(shape, walking(shape), twists("standing"))
+    assert fit_joints(motion, mass=50.0).shape.mass == 50.0
+    guessed = fit_joints(motion)
+    np.testing.assert_allclose(guessed.shape.mass, 70 * (1.6 / 1.75) ** 2, rtol=0.03)
+    assert any("mass not told" in note for note in guessed.notes)
 
 
 def test_one_frame_is_a_pose() -> None:

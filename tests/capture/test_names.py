@@ -214,3 +214,10 @@ def test_nothing_is_invented() -> None:
     found = recognise(["a", "b", "c"], [-1, 0, 1])
     assert dict(found.roles) == {}
     assert found.spine == ()
+
+
+def test_an_unnamed_joint_between_named_ones_is_found_by_structure() -> None:
+    names = ["Hips", "LeftUpLeg", "Bone.7", "Bone.8", "RightUpLeg", "RightLeg", "RightFoot"]
+    found = recognise(names, [-1, 0, 1, 2, 0, 4, 5]).roles
+    assert names[found["left_shank"]] == "Bone.7"
+    assert names[found["left_foot"]] == "Bone.8"
