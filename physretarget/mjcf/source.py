@@ -44,7 +44,13 @@ _BOUNDED = {
 _BOUNDED_ANYWHERE = {"nsample": 10_000, "num": 10_000}
 _BOUNDED_PREFIX = {"nuser_": 10_000}
 _UNITS = {"K": 2**10, "M": 2**20, "G": 2**30, "T": 2**40, "P": 2**50, "E": 2**60}
-_DIRECTORY = {"mesh": "meshdir", "skin": "meshdir", "hfield": "assetdir", "texture": "texturedir"}
+_DIRECTORY = {
+    "mesh": "meshdir",
+    "skin": "meshdir",
+    "hfield": "assetdir",
+    "texture": "texturedir",
+    "model": "assetdir",  # a model to attach; what it names in turn is not followed
+}
 
 
 @dataclass(frozen=True)
@@ -195,7 +201,9 @@ def _includes(
         seen += 1
         if seen > MAX_INCLUDES:
             raise UnsafeInputError(f"more than {MAX_INCLUDES} included files", path=path)
-        file = _resolve(element, element.attributes.get("file", ""), [folder], folder, untrusted)
+        beside = element.path.parent.resolve() if element.path else folder
+        name = element.attributes.get("file", "")
+        file = _resolve(element, name, [beside, folder], folder, untrusted)
         text = _text(file)
         digest.update(file.name.encode() + b"\0" + text.encode())
         inner = _parse(text, file, untrusted=untrusted)

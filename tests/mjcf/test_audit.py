@@ -154,3 +154,9 @@ def test_our_own_models_are_sound(name: str) -> None:
     path = Path(__file__).parents[2] / "models" / f"{name}.xml"
     facts = audit(Character.load(path, untrusted=True))
     assert {fact.key for fact in facts} <= {"torque_limit_missing"}
+
+
+def test_every_fact_is_documented() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "characters.md").read_text()
+    for key, what in AUDIT_KEYS.items():
+        assert f"| `{key}` | {what} |" in page

@@ -5,6 +5,8 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from physretarget.errors import InputError, UnsafeInputError
 from physretarget.kinematics import forward, integrate
@@ -217,3 +219,47 @@ def test_comments_that_only_mujoco_reads_are_noted(tmp_path: Path) -> None:
     assert any("line 2" in note for note in Character.load(path).notes)
     with pytest.raises(InputError):
         Character.load(path, untrusted=True)
+
+
+def test_includes_beside_the_including_file(tmp_path: Path) -> None:
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "model.xml").write_text(f"<mujoco><include file='sub/a.xml'/>{BODY}</mujoco>")
+    (tmp_path / "sub" / "a.xml").write_text("<mujoco><include file='b.xml'/></mujoco>")
+    (tmp_path / "sub" / "b.xml").write_text("<mujoco><option timestep='0.125'/></mujoco>")
+    assert Character.load(tmp_path / "model.xml", untrusted=True).model.opt.timestep == 0.125
+    first = Character.load(tmp_path / "model.xml").sha256
+    (tmp_path / "sub" / "b.xml").write_text("<mujoco><option timestep='0.25'/></mujoco>")
+    assert Character.load(tmp_path / "model.xml").sha256 != first
+
+
+def test_a_file_that_includes_itself_ends(tmp_path: Path) -> None:
+    path = tmp_path / "model.xml"
+    path.write_text(f"<mujoco><include file='model.xml'/>{BODY}</mujoco>")
+    with pytest.raises(UnsafeInputError, match="included"):
+        Character.load(path, untrusted=True)
+
+
+NUMBERS = st.one_of(
+    st.integers(-5, 5), st.floats(width=32), st.sampled_from(["1e300", "nan", "x", "", "1 2 3"])
+)
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(
+    tag=st.sampled_from(["geom", "joint", "inertial", "site", "body", "freejoint", "numeric"]),
+    attributes=st.dictionaries(
+        st.sampled_from(["pos", "size", "mass", "range", "axis", "type", "quat", "data", "name"]),
+        NUMBERS,
+        max_size=4,
+    ),
+    cut=st.integers(0, 400),
+)
+def test_garbage_is_an_input_error(tag: str, attributes: dict[str, object], cut: int) -> None:
+    inner = " ".join(f'{key}="{value}"' for key, value in attributes.items())
+    text = f"<mujoco><worldbody><body><freejoint/><geom size='1'/><{tag} {inner}/></body>"
+    text = (text + "</worldbody></mujoco>")[: cut if cut < 150 else None]
+    try:
+        character = Character.from_xml(text, untrusted=True)
+    except InputError:
+        return  # said so; any other error fails the test
+    assert np.isfinite(character.reference_qpos).all()

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 
 import mujoco
 import numpy as np
@@ -286,3 +287,13 @@ def test_same_bytes_again(hopper: Character, smooth_clip: Clip) -> None:
     second = required_wrench(hopper, qpos, qvel, qacc)
     assert first.moment.tobytes() == second.moment.tobytes()
     assert integrate(hopper.tree, qpos, qvel * 0).shape == qpos.shape
+
+
+def test_threads_share_a_character(hopper: Character, smooth_clip: Clip) -> None:
+    qpos, time = smooth_clip(hopper, fps=120.0)
+    qvel, qacc = derivatives(hopper, qpos, time)
+    alone = required_wrench(hopper, qpos, qvel, qacc)
+    with ThreadPoolExecutor(4) as pool:
+        results = list(pool.map(lambda _: required_wrench(hopper, qpos, qvel, qacc), range(8)))
+    for result in results:
+        np.testing.assert_array_equal(result.joint_torque, alone.joint_torque)
