@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import struct
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,11 +10,11 @@ from typing import Any
 import ezc3d
 import numpy as np
 
+from physretarget.capture.c3d_check import check
 from physretarget.capture.marker_file import RawMarkers, finish, read_bytes
 from physretarget.capture.recording import Floats, ForcePlate, MarkerRecording
-from physretarget.errors import InputError, UnsafeInputError
+from physretarget.errors import InputError
 
-_BLOCK = 512
 _MODEL_LISTS = (
     "ANGLES",
     "FORCES",
@@ -47,7 +46,7 @@ def read_c3d(
     Raises InputError for what is not C3D, is cut short, or has no markers.
     """
     content = read_bytes(path)
-    frames = _check_header(content, path)
+    frames = check(content, path)
     try:
         file = ezc3d.c3d(str(path))
     except (OSError, RuntimeError, ValueError, IndexError, MemoryError, KeyError) as error:
@@ -82,29 +81,6 @@ def read_c3d(
         notes=tuple(notes),
     )
     return finish(raw, unit=unit, up=up, plates=plates)
-
-
-def _check_header(content: bytes, path: str | Path) -> int:
-    """Refuse headers that cannot be true of a file this long; returns the frames promised."""
-    if len(content) < 2 * _BLOCK or content[1] != 0x50:
-        raise InputError("this is not a C3D file: its second byte must be 0x50", path=path)
-    parameters = (content[0] - 1) * _BLOCK
-    if parameters < 0 or parameters + 4 > len(content):
-        raise InputError("the header points outside the file for its parameters", path=path)
-    order = ">" if content[parameters + 3] == 86 else "<"
-    points, analog, first, last, _ = struct.unpack(order + "5H", content[2:12])
-    start = struct.unpack(order + "H", content[16:18])[0]
-    frames = max(0, int(last) - int(first) + 1)
-    # Numbers take two or four bytes; what ezc3d then finds tells the rest.
-    needed = (start - 1) * _BLOCK + frames * (4 * points + analog) * 2
-    if needed > len(content):
-        kind = UnsafeInputError if needed > 16 * len(content) else InputError
-        raise kind(
-            f"the file is cut short: its header promises {frames} frames of {points} points "
-            f"(at least {needed} bytes) and it has {len(content)} bytes",
-            path=path,
-        )
-    return frames
 
 
 def _values(group: Mapping[str, Any], name: str) -> list[Any]:

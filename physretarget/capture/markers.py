@@ -26,7 +26,7 @@ from physretarget.capture.marker_model import (
     first_poses,
     fit_poses,
 )
-from physretarget.capture.marker_sets import CLUSTER, KNOWN_SETS, SKIN, recognise
+from physretarget.capture.marker_sets import CLUSTER, KNOWN_SETS, SKIN, Landmark, recognise
 from physretarget.capture.recording import MarkerRecording
 from physretarget.errors import InputError
 from physretarget.kinematics import continuous, forward, points, slerp
@@ -116,14 +116,12 @@ def _worn(
     recording: MarkerRecording, told: MarkerSettings, notes: list[str]
 ) -> tuple[MarkerModel, Ints]:
     """The reference actor with the recording's known markers, and their columns."""
-    landmarks = recognise(recording.labels)
+    landmarks = _one_subject(recording.labels, recognise(recording.labels), notes)
     seen = np.isfinite(recording.position).all(axis=-1).mean(axis=0) > 0.02
     columns = np.array(
         [i for i, mark in enumerate(landmarks) if mark is not None and seen[i]], dtype=np.int64
     )
-    unknown = [
-        label for label, mark in zip(recording.labels, landmarks, strict=True) if mark is None
-    ]
+    unknown = [label for label, mark in zip(recording.labels, landmarks, strict=True) if not mark]
     known = [mark for i in columns if (mark := landmarks[i]) is not None]
     on = [SEGMENTS[mark.segment] for mark in known]
     if len(known) < told.fewest or max(on.count("pelvis"), on.count("chest")) < 3:
@@ -147,6 +145,29 @@ def _worn(
         weight=weight,
     )
     return model, columns
+
+
+def _one_subject(
+    labels: tuple[str, ...], landmarks: tuple[Landmark | None, ...], notes: list[str]
+) -> tuple[Landmark | None, ...]:
+    """The landmarks of one subject alone, that with the most known labels (the first of equals).
+
+    Several people in one file are told apart by the prefix of their labels (``anna:LFHD``).
+    """
+    prefixes = [label.rpartition(":")[0] for label in labels]
+    known = [p for p, mark in zip(prefixes, landmarks, strict=True) if mark is not None]
+    names = [mark.name for mark in landmarks if mark is not None]
+    subjects = sorted(set(known), key=lambda p: (-known.count(p), prefixes.index(p)))
+    if len(subjects) < 2 or len(set(names)) == len(names):
+        return landmarks
+    notes.append(
+        f"{len(subjects)} subjects are in the file: {subjects[0] or 'the one without a name'} was "
+        f"taken, {', '.join(s or 'one without a name' for s in subjects[1:])} left out"
+    )
+    return tuple(
+        mark if prefix == subjects[0] else None
+        for prefix, mark in zip(prefixes, landmarks, strict=True)
+    )
 
 
 def _steps_blanked(position: Floats, fps: float, notes: list[str]) -> Floats:
