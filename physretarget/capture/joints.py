@@ -19,11 +19,13 @@ from physretarget.capture.calibration import Calibrated, calibrate, hinge
 from physretarget.capture.gaps import repair
 from physretarget.capture.measure import Measured, measure, unit
 from physretarget.capture.recording import Floats, JointRecording
+from physretarget.errors import InputError
 from physretarget.kinematics import continuous, forward, matrix_to_quat
 
 Bools = NDArray[np.bool_]
 
 _LEG_SHARE = 0.245 + 0.246  # thigh + shank over stature (Winter 2009, fig. 4.1)
+_STATURE = (0.5, 3.0)  # m: from a small child to a stylised giant
 # Heights of joint centres over the floor while the foot stands, in shares of stature; outside
 # these the file's floor or its foot is not what it seems.
 _TOE_HEIGHT = (-0.012, 0.035)
@@ -50,7 +52,7 @@ def fit_joints(recording: JointRecording, *, mass: float | None = None) -> Actor
         calibrated = calibrate(measured)
         notes.append("left and right were exchanged: as labelled, knees and toes point backward")
     notes += [*measured.notes, *calibrated.notes]
-    size = _stature(measured)
+    size = _stature(measured, path, recording.source.unit)
     floor, floor_note = _floor(measured, calibrated, size)
     notes += floor_note
     if mass is None:
@@ -116,13 +118,20 @@ def _mirrored(measured: Measured, calibrated: Calibrated) -> bool:
     return bool(backward_toes and (bent < 1.0 or knees < -0.3 * bent))
 
 
-def _stature(measured: Measured) -> float:
-    """Body height (m) from the legs."""
+def _stature(measured: Measured, path: str, unit_name: str) -> float:
+    """Body height (m) from the legs; InputError if no human's."""
     bones = []
     for side in ("left", "right"):
         chain = [measured.centre[f"{side}_{part}"] for part in ("thigh", "shank", "foot")]
         bones.append(sum(_distance(a, b) for a, b in pairwise(chain)))
-    return float(np.mean(bones)) / _LEG_SHARE
+    size = float(np.mean(bones)) / _LEG_SHARE
+    if not _STATURE[0] <= size <= _STATURE[1]:
+        raise InputError(
+            f"Thigh and shank measure {np.mean(bones):.3g} m with the unit {unit_name}, "
+            "which is no human's leg: tell the right unit.",
+            path=path,
+        )
+    return size
 
 
 def _distance(a: Floats, b: Floats) -> float:
