@@ -13,13 +13,17 @@ from numpy.typing import NDArray
 
 from physretarget.errors import PhysretargetError
 
-__all__ = ["Camera", "Painter", "painter"]
+__all__ = ["Camera", "NoDisplayError", "Painter", "painter"]
 
 Image = NDArray[np.uint8]
 Array = NDArray[np.float64]
 
 BACKENDS = ("mujoco.egl", "mujoco.osmesa", "mujoco.cgl", "mujoco.glfw")
 Painter = Callable[[Array, "Camera"], Image]
+
+
+class NoDisplayError(PhysretargetError):
+    """Nothing to draw with is installed."""
 
 
 class Camera:
@@ -40,7 +44,7 @@ def painter(model: mujoco.MjModel, width: int, height: int) -> Iterator[Painter]
     """A function that paints qpos (nq,) seen by a camera as (height, width, 3) bytes.
 
     Raises:
-        PhysretargetError: no way to draw without a display is installed.
+        NoDisplayError: no way to draw without a display is installed.
     """
     context = _gl_context(width, height)
     try:
@@ -78,7 +82,7 @@ def _gl_context(width: int, height: int) -> Any:
         # its loader, an AttributeError inside PyOpenGL, a RuntimeError of the driver.
         except (ImportError, AttributeError, RuntimeError, OSError) as error:
             reasons.append(f"{backend.split('.')[1]} ({error})")
-    raise PhysretargetError(
+    raise NoDisplayError(
         "cannot draw without a display: install EGL (libegl1) or OSMesa (libosmesa6); tried "
         + ", ".join(reasons)
     )

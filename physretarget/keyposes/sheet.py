@@ -50,7 +50,7 @@ def sheet(
 
     Raises:
         InputError: there are no key poses.
-        PhysretargetError: nothing to draw with is installed.
+        NoDisplayError: nothing to draw with is installed.
     """
     settings = settings or SheetSettings()
     if not keyposes.poses:
@@ -89,8 +89,8 @@ def _view(character: Character, poses: list[Array]) -> tuple[Array, float]:
     at = forward(character.tree, np.array(poses)).position[:, character.bodies]
     margin = 0.22 * character.height
     top = max(float(at[..., 2].max()) + margin, character.floor_height + character.height)
-    wide = 2 * float(np.abs(at[..., :2]).max()) + margin
-    span = max(top - character.floor_height, wide) * 1.08
+    wide = 2 * (float(np.abs(at[..., :2]).max()) + 0.7 * margin)
+    span = max(top - character.floor_height, wide) * 1.12
     return np.array([0.0, 0.0, character.floor_height + 0.5 * (top - character.floor_height)]), span
 
 
