@@ -209,11 +209,14 @@
     close.setAttribute("aria-label", close.title);
     close.addEventListener("click", () => { wanted = false; frame.classList.remove("docked"); });
     frame.append(close);
-    new IntersectionObserver(([entry]) => {
-      const past = !entry.isIntersecting && entry.boundingClientRect.top < 0;
-      frame.classList.toggle("docked", past && wanted && innerWidth >= 1000);
-      if (entry.isIntersecting) wanted = true;
-    }, { threshold: 0.12 }).observe(place);
+    const settle = () => {
+      const below = place.getBoundingClientRect().bottom; // how much of its place is in sight
+      if (below > 90) wanted = true;
+      frame.classList.toggle("docked", below < 60 && wanted && innerWidth >= 1000);
+    };
+    addEventListener("scroll", settle, { passive: true });
+    addEventListener("resize", settle);
+    settle();
   }
 
   const repaint = () => charts.forEach((chart) => chart.redraw(false));
