@@ -77,20 +77,34 @@ def differences(frames: int, step: float) -> tuple[Sparse, Sparse]:
     The very formulas of ``mjcf.derivatives``: central inside, one-sided of second order at the
     ends, so that what is optimised is what inverse dynamics of the result will see.
     """
-    rate = sparse.lil_array((frames, frames))
-    curvature = sparse.lil_array((frames, frames))
-    for t in range(1, frames - 1):
-        rate[t, t - 1], rate[t, t + 1] = -0.5, 0.5
-        curvature[t, t - 1], curvature[t, t], curvature[t, t + 1] = 1.0, -2.0, 1.0
+    inside = np.arange(1, frames - 1)
+    rows, columns = np.tile(inside, 3), np.concatenate([inside - 1, inside, inside + 1])
+    rate = [(rows, columns, np.repeat([-0.5, 0.0, 0.5], inside.size))]
+    curvature = [(rows, columns, np.repeat([1.0, -2.0, 1.0], inside.size))]
     if frames == 2:
-        rate[:, 0], rate[:, 1] = -1.0, 1.0
+        rate += [_row(t, 0, [-1.0, 1.0]) for t in (0, 1)]
     if frames > 2:
-        rate[0, :3] = [-1.5, 2.0, -0.5]
-        rate[frames - 1, frames - 3 :] = [0.5, -2.0, 1.5]
+        rate.append(_row(0, 0, [-1.5, 2.0, -0.5]))
+        rate.append(_row(frames - 1, frames - 3, [0.5, -2.0, 1.5]))
         one_sided = [2.0, -5.0, 4.0, -1.0] if frames > 3 else [1.0, -2.0, 1.0]
-        curvature[0, : len(one_sided)] = one_sided
-        curvature[frames - 1, frames - len(one_sided) :] = one_sided[::-1]
-    return Sparse(rate / step), Sparse(curvature / step**2)
+        curvature.append(_row(0, 0, one_sided))
+        curvature.append(_row(frames - 1, frames - len(one_sided), one_sided[::-1]))
+    return _assembled(rate, frames, step), _assembled(curvature, frames, step**2)
+
+
+_Entries = tuple[NDArray[np.intp], NDArray[np.intp], Array]
+
+
+def _row(row: int, first: int, values: list[float]) -> _Entries:
+    columns = np.arange(first, first + len(values))
+    return np.full(len(values), row), columns, np.array(values)
+
+
+def _assembled(entries: list[_Entries], frames: int, scale: float) -> Sparse:
+    rows, columns, values = (np.concatenate(part) for part in zip(*entries, strict=True))
+    matrix = Sparse((values / scale, (rows, columns)), (frames, frames))
+    matrix.eliminate_zeros()
+    return matrix
 
 
 def _windows(*operators: Sparse) -> Basis:

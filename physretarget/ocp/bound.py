@@ -21,8 +21,8 @@ from physretarget.ocp.settings import RootHeightSettings
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-SINK = 0.02
-RISE = 0.01
+SINK = 0.015
+RISE = 0.003
 """Heights, over the character's, between which a touching point must stay for the bound; widened
 to those of the solution that is judged, so that it always counts among the possible ones."""
 
@@ -107,16 +107,14 @@ def cone_programme(scene: Scene, basis: Basis, settings: RootHeightSettings) -> 
         (3 * forces, unknowns + residuals),
     )
     matrix = sparse.vstack([equal, inside, -inside, cone], format="csc")
-    bound = np.concatenate(
-        [-constants, np.full(scene.frames, limit), -low, np.zeros(3 * forces)]
-    )
+    bound = np.concatenate([-constants, np.full(scene.frames, limit), -low, np.zeros(3 * forces)])
     cones = [clarabel.ZeroConeT(residuals), clarabel.NonnegativeConeT(2 * scene.frames)]
     cones += [clarabel.SecondOrderConeT(3)] * forces
     weights = np.concatenate([np.full(unknowns, settings.weights), np.ones(residuals)])
     quadratic = sparse.diags_array(weights, format="csc")
     x, status, used = _solve(quadratic, np.zeros(matrix.shape[1]), matrix, bound, cones)
     force = np.zeros((scene.frames, 3))
-    np.add.at(force, at, x[count : unknowns].reshape(-1, 3) * scene.weight)
+    np.add.at(force, at, x[count:unknowns].reshape(-1, 3) * scene.weight)
     return Convex(x[:count], force, status, used)
 
 
@@ -146,7 +144,11 @@ def _wrench_rows(
         (settings.vertical, curvature, floor(0, 0, 1), scene.force[:, 2] / scene.weight),
     ]
     moment = scene.moment / (scene.weight * scene.size)
-    tilts = (curvature.multiply(arm[:, 1:2]), curvature.multiply(-arm[:, 0:1]), empty)
+    tilts = (
+        sparse.csr_array(curvature.multiply(arm[:, 1:2])),
+        sparse.csr_array(curvature.multiply(-arm[:, 0:1])),
+        empty,
+    )
     levers = (floor(0, -z, y), floor(z, 0, -x), floor(-y, x, 0))
     for axis in range(3):
         parts.append((settings.moment, tilts[axis], levers[axis], moment[:, axis]))

@@ -47,12 +47,13 @@ class Normal:
         blocks = operators.transpose(0, 2, 1) @ (inner @ operators)
         flat = blocks.reshape(blocks.shape[0], -1)[:, self._pairs]
         size = (self._band + 1) * basis.count
-        banded = np.bincount(self._index, flat.ravel(), minlength=size)
+        banded = np.asarray(np.bincount(self._index, flat.ravel(), minlength=size), np.float64)
         matrix = banded.reshape(self._band + 1, basis.count)
         matrix[-1] += ridge
         pull = np.einsum("tra,tr->ta", slopes, r)
         local = np.einsum("ta,tam->tm", pull, operators)
-        rhs = np.bincount(basis.columns.ravel(), local.ravel(), minlength=basis.count)
+        summed = np.bincount(basis.columns.ravel(), local.ravel(), minlength=basis.count)
+        rhs = np.asarray(summed, np.float64)
         return matrix, rhs
 
 

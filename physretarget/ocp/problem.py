@@ -59,7 +59,8 @@ class Scene:
     @property
     def flight(self) -> NDArray[np.bool_]:
         """(T,) frames in which no point is meant to touch."""
-        return ~self.active.any(axis=1)
+        touching: NDArray[np.bool_] = np.any(self.active, axis=1)
+        return ~touching
 
 
 @dataclass(frozen=True)

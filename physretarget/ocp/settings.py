@@ -51,25 +51,27 @@ class RootHeightSettings:
     weights: weight of ½wᵀw.
     limit: largest displacement over the height.
     sink: how deep the contact model sinks under one body weight, over the height.
-    continuation: multiples of the model's f0, solved one after another.
+    continuation: multiples of the model's f0, solved one after another; ``beginnings``: where in
+    that list to begin, each tried from zero, the lowest cost wins.
     iterations, tolerance: of Gauss-Newton in each of those, relative decrease.
     """
 
     name: Preset = "default"
     dimensionless: bool = True
-    interval: float = 1.0 / 15.0
+    interval: float = 1.0 / 60.0
     vertical: float = 1.0
     horizontal: float = 0.0
     moment: float = 0.0
-    flight: float = 2.0
-    displacement: float = 0.2
-    roughness: float = 0.02
+    flight: float = 4.0
+    displacement: float = 0.5
+    roughness: float = 0.15
     pose: float = 0.005
     pose_floor: float = 0.05
     weights: float = 1e-6
     limit: float = 0.15
     sink: float = 0.003
     continuation: tuple[float, ...] = (300.0, 100.0, 30.0, 10.0, 3.0, 1.0)
+    beginnings: tuple[int, ...] = (0, 2)
     iterations: int = 30
     tolerance: float = 1e-3
 
@@ -95,6 +97,8 @@ class RootHeightSettings:
                 weights=1.0,
                 limit=float("inf"),
                 continuation=(1.0,),
+                beginnings=(0,),
+                interval=1.0 / 15.0,
                 iterations=200,
             )
         raise UsageError(f"unknown physics preset '{name}'; the presets are {', '.join(PRESETS)}")

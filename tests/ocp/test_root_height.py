@@ -1,0 +1,237 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from physretarget.errors import InputError, UsageError
+from physretarget.mjcf import Character
+from physretarget.mjcf.dynamics import derivatives, required_wrench
+from physretarget.ocp import PRESETS, RootHeightSettings, optimise
+from physretarget.ocp.basis import differences, gaussian_basis, sparse_of
+from physretarget.ocp.bound import vertical_bound
+from physretarget.ocp.gauss_newton import Normal, solve
+from physretarget.ocp.problem import build
+from physretarget.ocp.scene import scene_of
+
+Make = Callable[..., Any]
+
+
+def test_basis_is_the_papers_gaussians() -> None:
+    time = np.arange(50) / 30
+    basis = gaussian_basis(time, 0.1)
+    centres = 0.1 * np.arange(basis.count)
+    full = np.exp(-(((time[:, None] - centres) / 0.2) ** 2))
+    np.testing.assert_allclose(sparse_of(basis, basis.value).toarray(), full, atol=2e-7)
+    weights = np.random.default_rng(0).normal(size=basis.count)
+    value, rate, curvature = basis.motion(weights)
+    np.testing.assert_allclose(value, full @ weights, atol=1e-5)
+    first, second = differences(50, 1 / 30)
+    np.testing.assert_allclose(rate, first @ value, atol=1e-9)
+    np.testing.assert_allclose(curvature, second @ value, atol=1e-7)
+
+
+@pytest.mark.parametrize("frames", [4, 5, 40])
+def test_raising_the_root_is_exactly_affine(frames: int, hopper: Make) -> None:
+    """The forces predicted from one pass agree with a full pass of the raised clip."""
+    character = hopper()
+    rng = np.random.default_rng(1)
+    time = np.arange(frames) / 30
+    qpos = np.zeros((frames, 7))
+    qpos[:, :3] = rng.normal(scale=0.05, size=(frames, 3))
+    qpos[:, 3:] = rng.normal(scale=0.1, size=(frames, 4))
+    qpos[:, 2:4] += [0.25, 1.0]
+    qpos[:, 3:] /= np.linalg.norm(qpos[:, 3:], axis=1, keepdims=True)
+    active = np.ones((frames, 4), dtype=bool)
+    before = scene_of(character, qpos, time, active)
+    basis = gaussian_basis(time, 0.05)
+    value, rate, curvature = basis.motion(rng.normal(scale=0.02, size=basis.count))
+    raised = qpos.copy()
+    raised[:, 2] += value
+    after = required_wrench(character, raised, *derivatives(character, raised, time))
+    lift = np.zeros((frames, 3))
+    lift[:, 2] = character.mass * curvature
+    np.testing.assert_allclose(after.force, before.force + lift, atol=1e-8)
+    moment = before.moment + np.cross(before.arm, lift)
+    np.testing.assert_allclose(after.moment, moment, atol=1e-8)
+    again = scene_of(character, raised, time, active)
+    np.testing.assert_allclose(again.height, before.height + value[:, None], atol=1e-12)
+    np.testing.assert_allclose(again.velocity[..., 2], before.velocity[..., 2] + rate[:, None])
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_derivatives_are_exact(name: str, hopper: Make, hops: Make) -> None:
+    qpos, time, active = hops(2.0)
+    rng = np.random.default_rng(2)
+    error, variance = rng.normal(scale=0.01, size=(60, 12)), rng.uniform(1e-4, 1e-3, 60)
+    scene = scene_of(hopper(), qpos, time, active, error, variance)
+    problem = build(scene, RootHeightSettings.preset(name))
+    f0 = 3 * problem.model.residual
+    s = [rng.normal(scale=scale, size=60) for scale in (0.01, 0.1, 2.0)]
+    _, slopes = problem.evaluate(tuple(s), f0)
+    for axis, step in enumerate((1e-7, 1e-6, 1e-5)):
+        ahead, behind = [v.copy() for v in s], [v.copy() for v in s]
+        ahead[axis] += step
+        behind[axis] -= step
+        numeric = problem.evaluate(tuple(ahead), f0)[0] - problem.evaluate(tuple(behind), f0)[0]
+        size = np.abs(slopes[..., axis]).max() + 1.0
+        np.testing.assert_allclose(
+            slopes[..., axis], numeric / (2 * step), rtol=1e-4, atol=1e-5 * size
+        )
+
+
+def test_normal_equations_are_those_of_the_dense_jacobian() -> None:
+    time = np.arange(40) / 30
+    basis = gaussian_basis(time, 0.05)
+    rng = np.random.default_rng(3)
+    r, slopes = rng.normal(size=(40, 4)), rng.normal(size=(40, 4, 3))
+    operators = [sparse_of(basis, b).toarray() for b in (basis.value, basis.rate, basis.curvature)]
+    dense = sum(slopes[..., a][..., None] * operators[a][:, None] for a in range(3))
+    jacobian = np.asarray(dense).reshape(160, -1)
+    matrix, rhs = Normal(basis).equations(r, slopes, 0.5)
+    expected = jacobian.T @ jacobian + 0.5 * np.eye(basis.count)
+    np.testing.assert_allclose(rhs, jacobian.T @ r.ravel(), rtol=1e-9, atol=1e-6)
+    band = matrix.shape[0] - 1
+    for i in range(basis.count):
+        for j in range(i, basis.count):
+            entry = matrix[band + i - j, j] if j - i <= band else 0.0
+            assert entry == pytest.approx(expected[i, j], rel=1e-9, abs=1e-6)
+
+
+def test_interior_point_finds_nothing_better_nearby(hopper: Make, hops: Make) -> None:
+    """An independent solver with exact Hessians, started at our solution."""
+    qpos, time, active = hops(2.0)
+    settings = RootHeightSettings()
+    scene = scene_of(hopper(), qpos, time, active)
+    problem, basis = build(scene, settings), gaussian_basis(time, settings.interval)
+    f0 = 10 * problem.model.residual
+    found = solve(
+        problem,
+        basis,
+        np.zeros(basis.count),
+        f0=f0,
+        ridge=settings.weights,
+        iterations=200,
+        tolerance=1e-7,
+    )
+    w = ca.MX.sym("w", basis.count)
+    windows = (basis.value, basis.rate, basis.curvature)
+    s = ca.vertcat(*[(ca.DM(sparse_of(basis, b).tocsc()) @ w).T for b in windows])
+    r, _ = problem.residuals(s, problem.parameters, f0)
+    cost = 0.5 * ca.sumsqr(r) + 0.5 * settings.weights * ca.sumsqr(w)
+    options = {"ipopt.print_level": 0, "print_time": False, "ipopt.max_iter": 100}
+    solver = ca.nlpsol("twin", "ipopt", {"x": w, "f": cost}, options)
+    twin = float(solver(x0=found.weights)["f"])
+    assert found.cost == pytest.approx(twin, rel=0.02)
+
+
+def test_hops_become_physical(hopper: Make, hops: Make) -> None:
+    character = hopper()
+    qpos, time, active = hops(6.0)
+    result = optimise(character, qpos, time, active)
+    assert result.improvement > 0.6
+    assert np.abs(result.displacement).max() <= 0.15 * character.height
+    assert result.ballistic_vertical_after < 0.5 * result.ballistic_vertical_before
+    assert result.pull_after < result.pull_before
+    assert result.verified < 1e-6
+    assert result.bound_rms <= result.mismatch_after
+    # only the root's height has changed
+    moved = result.qpos - qpos
+    np.testing.assert_allclose(moved[:, 2], result.displacement)
+    assert np.abs(np.delete(moved, 2, axis=1)).max() == 0.0
+
+
+def test_a_clip_that_stands_still_only_sinks_into_its_contact(hopper: Make) -> None:
+    qpos = np.tile([0, 0, 0.25, 1, 0, 0, 0.0], (60, 1))
+    character = hopper()
+    result = optimise(character, qpos, np.arange(60) / 30, np.ones((60, 4), dtype=bool))
+    assert result.mismatch_after < 0.01 * character.weight
+    assert result.displacement.min() > -0.01 * character.height
+    assert np.isnan(result.ballistic_before)
+
+
+def test_continuation_beats_a_cold_start(hopper: Make, hops: Make) -> None:
+    qpos, time, active = hops(6.0)
+    cold = RootHeightSettings(continuation=(1.0,), beginnings=(0,), iterations=180)
+    results = [optimise(hopper(), qpos, time, active, settings=s) for s in (None, cold)]
+    assert results[0].mismatch_after < 0.8 * results[1].mismatch_after
+
+
+def test_convex_forces_stay_in_their_cones_and_reach_the_bound(hopper: Make, hops: Make) -> None:
+    character = hopper()
+    qpos, time, active = hops(4.0)
+    result = optimise(character, qpos, time, active, settings=RootHeightSettings.preset("convex"))
+    force = result.contact_after
+    assert (force[:, 2] >= -1e-5).all()
+    slip = np.linalg.norm(force[:, :2], axis=1) - character.friction * force[:, 2]
+    assert slip.max() < 1e-4 * character.weight
+    assert np.abs(force[~active.any(axis=1)]).max() == 0.0
+    assert result.bound_rms <= result.mismatch_after < result.mismatch_before
+
+
+def test_bound_of_a_clip_that_cannot_be_mended(hopper: Make) -> None:
+    """Told to fly while it stands: gravity stays unexplained, whatever the root does."""
+    character = hopper()
+    qpos = np.tile([0, 0, 0.25, 1, 0, 0, 0.0], (90, 1))
+    time = np.arange(90) / 30
+    never = np.zeros(90, dtype=bool)
+    scene = scene_of(character, qpos, time, np.zeros((90, 4), dtype=bool))
+    basis = gaussian_basis(time, 1 / 30)
+    bound = vertical_bound(scene, basis, never, np.zeros(90), 0.01)
+    assert 0.9 * character.weight < bound <= character.weight
+
+
+def test_pose_knowledge_holds_the_root(hopper: Make, hops: Make) -> None:
+    qpos, time, active = hops(3.0)
+    error = np.zeros((len(qpos), 12))
+    free = optimise(hopper(), qpos, time, active)
+    held = optimise(
+        hopper(),
+        qpos,
+        time,
+        active,
+        pose_error=error,
+        pose_variance=np.full(len(qpos), 1e-6),
+        settings=RootHeightSettings(pose=1.0, pose_floor=0.0),
+    )
+    assert np.abs(held.displacement).max() < 0.3 * np.abs(free.displacement).max()
+    unknown = optimise(
+        hopper(), qpos, time, active, pose_error=error, pose_variance=np.full(len(qpos), np.nan)
+    )
+    np.testing.assert_array_equal(unknown.displacement, free.displacement)
+
+
+def test_same_input_same_bytes(hopper: Make, hops: Make) -> None:
+    qpos, time, active = hops(2.0)
+    one, two = (optimise(hopper(), qpos, time, active) for _ in range(2))
+    assert one.qpos.tobytes() == two.qpos.tobytes()
+
+
+def test_every_preset_runs_and_unknown_ones_are_named(hopper: Make, hops: Make) -> None:
+    qpos, time, active = hops(2.0)
+    for name in PRESETS:
+        result = optimise(hopper(), qpos, time, active, settings=RootHeightSettings.preset(name))
+        assert np.isfinite(result.qpos).all()
+    with pytest.raises(UsageError, match="default, paper, convex"):
+        RootHeightSettings.preset("moon")
+
+
+def test_what_cannot_be_optimised_is_said(hopper: Make, hops: Make) -> None:
+    qpos, time, active = hops(2.0)
+    with pytest.raises(InputError, match="at least four frames"):
+        optimise(hopper(), qpos[:3], time[:3], active[:3])
+    with pytest.raises(InputError, match="contact phases have shape"):
+        optimise(hopper(), qpos, time, active[:, :2])
+    bare = Character.from_xml(
+        "<mujoco><worldbody><body><freejoint/><geom size='.1'/></body></worldbody></mujoco>"
+    )
+    with pytest.raises(InputError, match="no contact points"):
+        optimise(bare, qpos, time, active)
+    fixed = Character.from_xml(
+        "<mujoco><worldbody><body><joint/><geom size='.1'/></body></worldbody></mujoco>"
+    )
+    with pytest.raises(InputError, match="no free root joint"):
+        optimise(fixed, np.zeros((10, 1)), np.arange(10) / 30, np.zeros((10, 0), dtype=bool))
