@@ -21,27 +21,28 @@ from itertools import pairwise
 SIDES = ("left", "right")
 
 _SIDE_TOKENS = {
-    "left": "left", "l": "left", "lft": "left", "lt": "left", "lf": "left", "le": "left",
+    "left": "left", "l": "left", "lft": "left", "lt": "left",
     "links": "left", "gauche": "left",
-    "right": "right", "r": "right", "rgt": "right", "rt": "right", "ri": "right",
+    "right": "right", "r": "right", "rgt": "right", "rt": "right",
     "rechts": "right", "droite": "right",
 }  # fmt: skip
 
 # Per limb joint: names without side, in order of preference.
 _LIMBS: dict[str, tuple[str, ...]] = {
     "thigh": ("thigh", "upleg", "upperleg", "femur", "thighbend", "legupper", "uplegbend",
-              "upperlegbend", "hip", "legup", "hips", "leg1"),
+              "upperlegbend", "hip", "legup", "hips", "leg1", "hipjoint"),
     "shank": ("shank", "shin", "knee", "lowerleg", "lowleg", "tibia", "calf", "leglower",
               "crus", "leglow", "shinbend", "leg2", "leg"),
-    "foot": ("ankle", "foot", "feet", "talus", "leg3"),
-    "toe": ("toe", "toes", "toebase", "toe0", "toe1", "toe01", "ball", "toejoint", "foottoe",
+    "foot": ("ankle", "foot", "feet", "talus", "leg3", "talocrural"),
+    "toe": ("toe", "toes", "toebase", "toe0", "toe1", "toe01", "toe11", "ball", "toejoint",
+            "foottoe",
             "toebase0", "footindex", "bigtoe", "forefoot", "toesend", "toeend", "foot"),
     "clavicle": ("clavicle", "collar", "scapula", "collarbone", "shoulderblade", "claviclebase",
-                 "collarjoint", "clav", "shoulder", "shldr", "shoulder0"),
+                 "collarjoint", "clav", "shoulder", "shldr", "shoulder0", "shoulder1"),
     "upper_arm": ("upperarm", "uparm", "humerus", "arm", "armupper", "shldrbend", "shoulder",
-                  "shldr", "armup", "bicep", "glenohumeral", "arm1", "upperarmbend"),
+                  "shldr", "armup", "bicep", "glenohumeral", "arm1", "upperarmbend", "uarm"),
     "forearm": ("forearm", "lowerarm", "lowarm", "elbow", "radius", "ulna", "armlower", "loarm",
-                "forearmbend", "armlow", "arm2", "radioulnar"),
+                "forearmbend", "armlow", "arm2", "radioulnar", "farm", "larm"),
     "hand": ("wrist", "hand", "palm", "carpus", "arm3"),
     "finger": ("handmiddle1", "middle1", "middle01", "handmiddle", "fingers", "finger", "index1",
                "handindex1", "index01", "fingerbase", "finger2", "finger0", "finger1", "hand1",
@@ -51,6 +52,21 @@ _LIMBS: dict[str, tuple[str, ...]] = {
 _NECK = ("neck", "neck1", "neck0", "neck01", "lowerneck", "necklower", "neckbase", "spineneck")
 _HEAD = ("head", "skull", "face", "upperhead", "head1", "cranium")
 _HIPS = ("hips", "hip", "pelvis", "root", "bodyroot", "waist", "cog", "jointroot")
+# Words that say "this is a joint" and no more; but CMU's "LHipJoint" is a helper, no hip joint.
+_FILLERS = {
+    "joint",
+    "jnt",
+    "jt",
+    "bone",
+    "bnd",
+    "bind",
+    "def",
+    "org",
+    "stretch",
+    "deform",
+    "x",
+    "c",
+}
 # Helpers that carry a body part's name and are no joint of it.
 _NOISE = re.compile(
     r"twist|roll(?!l)|nub|ik$|^ik|pole|target|helper|ctrl|control|effector|dummy|volume|muscle"
@@ -86,7 +102,11 @@ def split_name(name: str) -> tuple[str | None, tuple[str, ...]]:
             kept.append(token)
     if side is None:
         side, kept = _glued_side(kept)
-    return side, tuple(kept)
+    if side is None and len(kept) > 1:  # "LUArm" reads as "LU Arm"
+        side, whole = _glued_side(["".join(kept)])
+        kept = whole if side else kept
+    plain = [token for token in kept if token not in _FILLERS]
+    return side, tuple(plain if plain and plain != ["hip"] else kept)
 
 
 def _glued_side(tokens: list[str]) -> tuple[str | None, list[str]]:
@@ -108,7 +128,8 @@ def _spellings(tokens: Sequence[str]) -> list[str]:
     """What a name may mean: all tokens joined, then with leading (prefix) tokens dropped."""
     joined = ["".join(tokens[start:]) for start in range(len(tokens))]
     plain = [re.sub(r"^0+|(?<=\D)0+(?=\d)", "", word) for word in joined]
-    return list(dict.fromkeys(word for word in [*joined, *plain] if word))
+    bare = [re.sub(r"0\d$", "", word) for word in joined]  # "upperleg01" is the first of two
+    return list(dict.fromkeys(word for word in [*joined, *plain, *bare] if word))
 
 
 def ancestors(parents: Sequence[int], joint: int) -> list[int]:

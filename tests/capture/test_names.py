@@ -150,6 +150,51 @@ FAMILIES: dict[str, dict[str, object]] = {
         "arm": ["{SIDE}_SHOULDER", "{SIDE}_UPPER_ARM", "{SIDE}_LOWER_ARM", "{SIDE}_HAND"],
         "central": (0, 2, 0, 1), "limb": (0, 1, 2, 3), "upper": (0, 1, 2, 3),
     },
+    "motive": {
+        "trunk": ["Hips", "Ab", "Chest"], "neck": ["Neck", "Head"],
+        "leg": ["{S}Thigh", "{S}Shin", "{S}Foot", "{S}Toe"],
+        "arm": ["{S}Shoulder", "{S}UArm", "{S}FArm", "{S}Hand"],
+        "central": (0, 2, 0, 1), "limb": (0, 1, 2, 3), "upper": (0, 1, 2, 3),
+    },
+    "arkit": {
+        "trunk": ["root", "hips_joint", "spine_1_joint", "spine_7_joint"],
+        "neck": ["neck_1_joint", "head_joint"],
+        "leg": ["{side}_upLeg_joint", "{side}_leg_joint", "{side}_foot_joint",
+                "{side}_toes_joint"],
+        "arm": ["{side}_shoulder_1_joint", "{side}_arm_joint", "{side}_forearm_joint",
+                "{side}_hand_joint"],
+        "central": (1, 3, 0, 1), "limb": (0, 1, 2, 3), "upper": (0, 1, 2, 3), "hips": 1,
+    },
+    "auto_rig_pro": {
+        "trunk": ["root.x", "spine_01.x", "spine_02.x"], "neck": ["neck.x", "head.x"],
+        "leg": ["thigh_stretch.{s}", "leg_stretch.{s}", "foot.{s}", "toes_01.{s}"],
+        "arm": ["shoulder.{s}", "arm_stretch.{s}", "forearm_stretch.{s}", "hand.{s}"],
+        "central": (0, 2, 0, 1), "limb": (0, 1, 2, 3), "upper": (0, 1, 2, 3),
+    },
+    "makehuman": {
+        "trunk": ["root", "spine05", "spine03", "spine01"], "neck": ["neck01", "neck02", "head"],
+        "leg": ["upperleg01.{S}", "upperleg02.{S}", "lowerleg01.{S}", "lowerleg02.{S}",
+                "foot.{S}", "toe1-1.{S}"],
+        "arm": ["clavicle.{S}", "upperarm01.{S}", "upperarm02.{S}", "lowerarm01.{S}",
+                "lowerarm02.{S}", "wrist.{S}"],
+        "central": (0, 3, 0, 2), "limb": (0, 2, 4, 5), "upper": (0, 1, 3, 5),
+    },
+    "kinect": {
+        "trunk": ["SpineBase", "SpineMid", "SpineShoulder"], "neck": ["Neck", "Head"],
+        "leg": ["Hip{Side}", "Knee{Side}", "Ankle{Side}", "Foot{Side}"],
+        "arm": ["Shoulder{Side}", "Elbow{Side}", "Wrist{Side}", "Hand{Side}"],
+        "central": (0, 2, 0, 1), "limb": (0, 1, 2, 3), "upper": (None, 0, 1, 2),
+    },
+    "iclone": {
+        "trunk": ["CC_Base_BoneRoot", "CC_Base_Hip", "CC_Base_Waist", "CC_Base_Spine01",
+                  "CC_Base_Spine02"],
+        "neck": ["CC_Base_NeckTwist01", "CC_Base_NeckTwist02", "CC_Base_Head"],
+        "leg": ["CC_Base_{S}_Thigh", "CC_Base_{S}_Calf", "CC_Base_{S}_Foot",
+                "CC_Base_{S}_ToeBase"],
+        "arm": ["CC_Base_{S}_Clavicle", "CC_Base_{S}_Upperarm", "CC_Base_{S}_Forearm",
+                "CC_Base_{S}_Hand"],
+        "central": (1, 4, 0, 2), "limb": (0, 1, 2, 3), "upper": (0, 1, 2, 3), "hips": 1,
+    },
 }  # fmt: skip
 
 
@@ -181,7 +226,8 @@ def skeleton(family: dict[str, object]) -> tuple[list[str], list[int], dict[str,
         for role, at in zip(LIMBS[:4], family["limb"], strict=False):  # type: ignore[call-overload]
             roles[f"{side}_{role}"] = leg[at]
         for role, at in zip(LIMBS[4:], family["upper"], strict=False):  # type: ignore[call-overload]
-            roles[f"{side}_{role}"] = arm[at]
+            if at is not None:
+                roles[f"{side}_{role}"] = arm[at]
     return names, parents, roles
 
 
@@ -204,6 +250,8 @@ def test_every_system_s_joints_are_recognised(family: str) -> None:
         ("rShldr", "right", ("shldr",)),
         ("Spine_01", None, ("spine", "01")),
         ("LHipJoint", "left", ("hip", "joint")),
+        ("LUArm", "left", ("uarm",)),
+        ("left_upLeg_joint", "left", ("up", "leg")),
     ],
 )
 def test_sides_are_told_from_names(name: str, side: str | None, tokens: tuple[str, ...]) -> None:
