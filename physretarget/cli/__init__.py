@@ -1,0 +1,72 @@
+"""The program ``physretarget``: argument parsing and exit codes, thin over the library's verbs.
+
+Exit codes: 0 fine; 1 the judged thing failed; 2 unusable input or usage.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated
+
+import typer
+
+from physretarget import __version__
+from physretarget.cli import common
+from physretarget.errors import PhysretargetError
+
+app = typer.Typer(
+    name="physretarget",
+    help="Human motion capture to non-humanoid characters, judged by physics.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"physretarget {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _program(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+from physretarget.cli import demo, keyposes, replay, retarget, validate  # noqa: E402, F401
+
+
+def main() -> None:
+    """Run the program; every error is one sentence on stderr and exit code 2."""
+    try:
+        app()
+    except PhysretargetError as error:
+        if common.debug:
+            raise
+        common.fail(error)
+        sys.exit(error.exit_code)
+    except KeyboardInterrupt:
+        sys.exit(130)
+    except BrokenPipeError:
+        sys.exit(0)
+    except OSError as error:
+        if common.debug:
+            raise
+        place = f"{error.filename}: " if error.filename else ""
+        common.fail(PhysretargetError(f"{place}{error.strerror or error}."))
+        sys.exit(2)
+    except Exception as error:
+        if common.debug:
+            raise
+        common.fail(
+            PhysretargetError(
+                f"this should not have happened ({type(error).__name__}: {error}); "
+                "run again with --debug and report what it prints."
+            )
+        )
+        sys.exit(2)

@@ -1,0 +1,32 @@
+"""demo: the main job, end to end, on real captures, without arguments."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from physretarget import demo
+from physretarget.cli import app
+from physretarget.cli.common import command, progress
+
+
+@command(app, "demo", example="physretarget demo --out physretarget-demo")
+def demo_command(
+    out: Annotated[Path, typer.Option("--out", help="Folder for clips and reports.")] = Path(
+        "physretarget-demo"
+    ),
+) -> None:
+    """A desk lamp acts out a real human's jump and dance, judged by physics."""
+    with progress("demo") as step:
+        index, shown = demo.run(out, progress=step)
+    for each in shown:
+        physical = each.result.physical
+        assert physical is not None
+        typer.echo(
+            f"{each.name}: {each.result.clip.duration:.2f} s of animation, vertical mismatch "
+            f"{physical.mismatch_before:.1f} N → {physical.mismatch_after:.1f} N RMS, "
+            f"{each.report.errors} errors, {each.report.warnings} warnings"
+        )
+    typer.echo(f"Open {index.resolve()} in a browser.")

@@ -1,0 +1,52 @@
+"""keyposes: is the file sound, and a picture of every pair."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from physretarget.cli import app
+from physretarget.cli.common import command, progress, say
+from physretarget.keyposes import check, load_keyposes, sheet
+from physretarget.mjcf import Character
+
+group = typer.Typer(help="Pairs of actor pose and character pose.", no_args_is_help=True)
+app.add_typer(group, name="keyposes")
+
+Files = Annotated[list[Path], typer.Argument(metavar="FILE...")]
+CharacterOption = Annotated[Path, typer.Option("--character", metavar="MODEL.xml")]
+
+
+@command(
+    group, "check", example="physretarget keyposes check lamp.keyposes.toml --character lamp.xml"
+)
+def check_command(files: Files, character: CharacterOption) -> None:
+    """Say what is doubtful about key poses; exit code 1 if anything is."""
+    model = Character.load(character)
+    poses = load_keyposes(files, model)
+    remarks = check(poses, model)
+    for remark in remarks:
+        typer.echo(f"{remark.pose}: {remark.message}")
+    say(f"{len(poses)} key poses, {len(remarks)} remarks.")
+    if remarks:
+        raise typer.Exit(1)
+
+
+@command(
+    group,
+    "sheet",
+    example="physretarget keyposes sheet lamp.keyposes.toml --character lamp.xml --out lamp.png",
+)
+def sheet_command(
+    files: Files,
+    character: CharacterOption,
+    out: Annotated[Path, typer.Option("--out", metavar="SHEET.png")],
+) -> None:
+    """Draw every pair, actor beside character, into one picture."""
+    model = Character.load(character)
+    poses = load_keyposes(files, model)
+    with progress("drawing"):
+        sheet(poses, model, out)
+    say(f"{out}: {len(poses)} pairs.")

@@ -1,0 +1,186 @@
+"""retarget and learn: captures to clips."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, get_args
+
+import typer
+
+from physretarget import capture, contact, momentum, ocp
+from physretarget.cli import app
+from physretarget.cli.common import command, complete, fail, one_of, progress, say
+from physretarget.errors import PhysretargetError, UsageError
+from physretarget.keyposes import load_keyposes
+from physretarget.mapping import NAMES
+from physretarget.mjcf import Character
+from physretarget.pipeline import STAGES, Retargeted, RetargetSettings, retarget
+from physretarget.report.retarget import write_retarget_report
+from physretarget.trained import TrainedMapper, learn
+from physretarget.validation import validate
+
+HEADINGS = get_args(momentum.Heading)
+
+CharacterOption = Annotated[
+    Path, typer.Option("--character", help="The character's MJCF file.", metavar="MODEL.xml")
+]
+KeyposesOption = Annotated[
+    list[Path] | None,
+    typer.Option("--keyposes", help="Key pose file; may be given several times.", metavar="FILE"),
+]
+DimsOption = Annotated[int, typer.Option("--dims", min=1, help="Latent dimension of sgplvm.")]
+SeedOption = Annotated[int, typer.Option("--seed", min=0)]
+
+
+@command(
+    app,
+    "learn",
+    example="physretarget learn --character lamp.xml --keyposes lamp.keyposes.toml --out lamp.npz",
+)
+def learn_command(
+    character: CharacterOption,
+    out: Annotated[Path, typer.Option("--out", metavar="MAPPER.npz")],
+    keyposes: KeyposesOption = None,
+    mapper: Annotated[str, typer.Option("--mapper", **complete(NAMES))] = "sgplvm",
+    dims: DimsOption = 30,
+    seed: SeedOption = 0,
+) -> None:
+    """Learn a mapper from key poses once, to be reused by retarget --mapper."""
+    one_of(mapper, NAMES, "--mapper")
+    trained = _learn(Character.load(character), keyposes, mapper, dims, seed)
+    trained.save(out)
+    say(f"{out}: {mapper} learned from {len(trained.names)} key poses.")
+
+
+def _learn(
+    character: Character, keyposes: list[Path] | None, mapper: str, dims: int, seed: int
+) -> TrainedMapper:
+    if not keyposes:
+        raise UsageError("--keyposes FILE is needed to learn a mapper.")
+    return learn(character, load_keyposes(keyposes, character), mapper=mapper, dims=dims, seed=seed)
+
+
+@command(
+    app,
+    "retarget",
+    example="physretarget retarget jump.bvh --character lamp.xml "
+    "--keyposes lamp.keyposes.toml --out jump.npz --report jump-report",
+)
+def retarget_command(
+    captures: Annotated[list[Path], typer.Argument(metavar="CAPTURE...")],
+    character: CharacterOption,
+    out: Annotated[
+        Path, typer.Option("--out", help="Clip file, or a folder for several captures.")
+    ],
+    keyposes: KeyposesOption = None,
+    mapper: Annotated[
+        str,
+        typer.Option(
+            "--mapper",
+            help="Name of a mapper, or a file from learn.",
+            metavar="|".join(NAMES) + "|MAPPER.npz",
+        ),
+    ] = "sgplvm",
+    dims: DimsOption = 30,
+    until: Annotated[str, typer.Option("--until", help="Last stage.", **complete(STAGES))] = (
+        "physical"
+    ),
+    physics: Annotated[
+        str, typer.Option("--physics", help="Root-height preset.", **complete(ocp.PRESETS))
+    ] = "default",
+    heading: Annotated[
+        str, typer.Option("--heading", help="Where yaw comes from.", **complete(HEADINGS))
+    ] = "momentum",
+    contacts: Annotated[
+        Path | None,
+        typer.Option("--contacts", help="Contact phases set by hand (TOML).", metavar="FILE"),
+    ] = None,
+    fps: Annotated[
+        float | None,
+        typer.Option("--fps", help="The clip's frame rate (default: the capture's, up to 60)."),
+    ] = None,
+    lowpass: Annotated[
+        float, typer.Option("--lowpass", min=0.0, help="Low-pass of the capture in Hz; 0 for none.")
+    ] = 6.0,
+    unit: Annotated[
+        str | None,
+        typer.Option(
+            "--unit",
+            help="The capture's length unit, if not to be guessed.",
+            metavar="m|cm|mm|inch",
+        ),
+    ] = None,
+    up: Annotated[
+        str | None,
+        typer.Option("--up", help="The capture's up axis, if not to be guessed.", metavar="y|z"),
+    ] = None,
+    skeleton: Annotated[
+        Path | None, typer.Option("--skeleton", help="ASF file of an AMC capture.")
+    ] = None,
+    mass: Annotated[float | None, typer.Option("--mass", help="The actor's mass in kg.")] = None,
+    seed: SeedOption = 0,
+    report: Annotated[
+        Path | None, typer.Option("--report", help="Folder for an HTML report with replay.")
+    ] = None,
+) -> None:
+    """Turn captures into clips of a character."""
+    one_of(until, STAGES, "--until")
+    one_of(physics, ocp.PRESETS, "--physics")
+    one_of(heading, HEADINGS, "--heading")
+    model = Character.load(character)
+    trained = (
+        TrainedMapper.load(mapper, model)
+        if mapper.endswith(".npz")
+        else _named(mapper, model, keyposes, dims, seed)
+    )
+    settings = RetargetSettings(
+        until=until,  # type: ignore[arg-type]
+        physics=physics,  # type: ignore[arg-type]
+        heading=heading,  # type: ignore[arg-type]
+        fps=fps,
+        lowpass_hz=lowpass or None,
+        seed=seed,
+    )
+    phases = contact.read_phases(contacts) if contacts else None
+    several = len(captures) > 1 or out.is_dir()
+    if several:
+        out.mkdir(parents=True, exist_ok=True)
+    failed = 0
+    for path in captures:
+        target = out / f"{path.stem}.npz" if several else out
+        try:
+            with progress(path.name) as step:
+                step("read")
+                motion = capture.load(path, unit=unit, up=up, skeleton=skeleton, mass=mass)
+                result = retarget(motion, trained, settings=settings, phases=phases, progress=step)
+                result.clip.save(target)
+                if report:
+                    step("report")
+                    folder = report / path.stem if several else report
+                    write_retarget_report(result, trained, validate(result.clip, model), folder)
+        except PhysretargetError as error:
+            if not several:
+                raise
+            fail(error)
+            failed += 1
+            continue
+        _tell(result, target)
+    if failed:
+        raise typer.Exit(2)
+
+
+def _named(
+    mapper: str, model: Character, keyposes: list[Path] | None, dims: int, seed: int
+) -> TrainedMapper:
+    one_of(mapper, NAMES, "--mapper (or a file that ends in .npz)")
+    return _learn(model, keyposes, mapper, dims, seed)
+
+
+def _tell(result: Retargeted, target: Path) -> None:
+    for note in result.notes:
+        say(f"  note: {note}")
+    clip = result.clip
+    say(
+        f"{target}: {len(clip.time)} frames, {clip.time[-1]:.2f} s, "
+        f"made in {sum(result.seconds.values()):.2f} s."
+    )

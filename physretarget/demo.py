@@ -1,0 +1,103 @@
+"""The main job on a real capture, with no arguments: what `physretarget demo` runs.
+
+The captures are the DeepMimic motion files inside the ``pybullet`` wheel (zlib licence), which
+is used for its data alone and never imported.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from dataclasses import dataclass
+from pathlib import Path
+
+from physretarget import capture
+from physretarget.errors import InputError, MissingExtraError
+from physretarget.keyposes import load_keyposes
+from physretarget.mjcf import Character
+from physretarget.pipeline import Progress, Retargeted, retarget
+from physretarget.report.demo import Card, write_index
+from physretarget.report.retarget import write_retarget_report
+from physretarget.trained import learn
+from physretarget.validation import Report, validate
+
+MOTIONS = {
+    "jump": "humanoid3d_jump.txt",
+    "dance": "humanoid3d_dance_a.txt",
+}
+SENTENCES = {
+    "jump": "Squash, a jump off both feet, and a soft landing.",
+    "dance": "Turns on the spot, reaches up, dives low.",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shown:
+    """One capture's way through the demo."""
+
+    name: str
+    page: Path
+    result: Retargeted
+    report: Report
+
+
+def models_folder() -> Path:
+    """Where the characters and their key poses are: in the wheel, or beside the package."""
+    here = Path(__file__).resolve().parent
+    for folder in (here / "models", here.parent / "models"):
+        if (folder / "lamp.xml").is_file():
+            return folder
+    raise InputError("models/lamp.xml is missing: the installation is damaged.", path=here)
+
+
+def motions_folder() -> Path:
+    """Where the ``pybullet`` wheel keeps its captures."""
+    found = importlib.util.find_spec("pybullet_data")
+    folder = Path(found.origin).parent / "data" / "motions" if found and found.origin else None
+    if folder is None or not folder.is_dir():
+        raise MissingExtraError("pybullet", extra="demo", purpose="The demo's captures")
+    return folder
+
+
+def run(out: str | Path, *, progress: Progress) -> tuple[Path, tuple[Shown, ...]]:
+    """Retarget, judge and show a jump and a dance; returns the index page and what was made."""
+    out, motions = Path(out), motions_folder()
+    out.mkdir(parents=True, exist_ok=True)
+    models = models_folder()
+    progress("learn the lamp from its key poses")
+    character = Character.load(models / "lamp.xml")
+    mapper = learn(character, load_keyposes([models / "lamp.keyposes.toml"], character))
+    shown = []
+    for name, file in MOTIONS.items():
+        result = retarget(
+            capture.load(motions / file),
+            mapper,
+            progress=lambda stage, name=name: progress(f"{name}: {stage}"),
+        )
+        progress(f"{name}: judge and report")
+        report = validate(result.clip, character)
+        page = write_retarget_report(result, mapper, report, out / name)
+        shown.append(Shown(name=name, page=page, result=result, report=report))
+    return write_index([_card(each) for each in shown], out), tuple(shown)
+
+
+def _card(shown: Shown) -> Card:
+    result, physical = shown.result, shown.result.physical
+    facts = [
+        ("capture", result.motion.source.name),
+        ("animation", f"{result.clip.duration:.2f} s, {result.clip.frames} frames"),
+        ("computed in", f"{sum(result.seconds.values()):.2f} s"),
+    ]
+    if physical is not None:
+        facts.append(
+            (
+                "vertical mismatch",
+                f"{physical.mismatch_before:.1f} → {physical.mismatch_after:.1f} N RMS",
+            )
+        )
+    facts.append(("findings", f"{shown.report.errors} errors, {shown.report.warnings} warnings"))
+    return Card(
+        title=shown.name.capitalize(),
+        page=shown.page,
+        sentence=SENTENCES[shown.name],
+        facts=tuple(facts),
+    )

@@ -1,0 +1,262 @@
+"""The whole way from a capture to a clip: one line per stage of the paper.
+
+    capture ─ load ─▶ ActorMotion ─ features ─▶ Mapper ─ ik ─▶ mapped
+        ─ momentum ─▶ placed ─ contact ─▶ contacted ─ ocp ─▶ physical ─▶ Clip
+
+Every stage's output is kept in :class:`Retargeted`, so that it can be looked at and
+compared (Yamane 2010, Figure 7).
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physretarget import __version__, contact, ik, momentum, ocp
+from physretarget.capture.actor import ActorMotion, ActorShape
+from physretarget.clip import Clip
+from physretarget.errors import InputError, UsageError
+from physretarget.features import features
+from physretarget.mapping import Mapped
+from physretarget.mjcf import Character, actor_character
+from physretarget.mjcf.dynamics import lowpass
+from physretarget.trained import TrainedMapper
+
+Array = NDArray[np.float64]
+Stage = Literal["mapped", "placed", "contacted", "physical"]
+STAGES: tuple[Stage, ...] = get_args(Stage)
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RetargetSettings:
+    """What can be set about a retargeting; read once at the edge.
+
+    until: the last stage to run. physics: preset of the root-height optimisation.
+    fps: frame rate of the clip, None for the capture's own up to ``max_fps``.
+    lowpass_hz: zero-lag 4th order Butterworth on the actor's motion before anything else
+    (6 Hz is the biomechanics standard, Winter 2009); None for no filter.
+    heading: where the character's yaw comes from, see :func:`physretarget.momentum.place`.
+    """
+
+    until: Stage = "physical"
+    physics: ocp.Preset = "default"
+    heading: momentum.Heading = "momentum"
+    fps: float | None = None
+    max_fps: float = 60.0
+    lowpass_hz: float | None = 6.0
+    seed: int = 0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Retargeted:
+    """A capture's way through the stages; stages that did not run are None.
+
+    ``motion`` is the actor in its own proportions at the clip's rate, ``reference`` the same
+    on the reference actor; ``y`` (T, D_Y) the actor's features, ``mapped`` the mapper's answer.
+    ``seconds`` is the wall time of each stage.
+    """
+
+    character: Character
+    actor: Character
+    motion: ActorMotion
+    reference: ActorMotion
+    y: Array
+    mapped: Mapped
+    pose: ik.IkResult
+    placed: momentum.Placed | None
+    phases: contact.Phases | None
+    contacted: contact.Contacted | None
+    physical: ocp.RootHeight | None
+    clip: Clip
+    seconds: dict[str, float]
+    notes: tuple[str, ...]
+
+    def stages(self) -> dict[Stage, Array]:
+        """The character's qpos (T, nq) after each stage that ran, in order."""
+        found: dict[Stage, Array] = {"mapped": self.pose.qpos}
+        if self.placed is not None:
+            found["placed"] = self.placed.qpos
+        if self.contacted is not None:
+            found["contacted"] = self.contacted.qpos
+        if self.physical is not None:
+            found["physical"] = self.physical.qpos
+        return found
+
+
+@dataclass
+class _Stopwatch:
+    progress: Progress
+    seconds: dict[str, float] = field(default_factory=dict)
+    _name: str = ""
+    _since: float = 0.0
+
+    def start(self, name: str) -> None:
+        self.stop()
+        self.progress(name)
+        self._name, self._since = name, clock.perf_counter()
+
+    def stop(self) -> None:
+        if self._name:
+            self.seconds[self._name] = clock.perf_counter() - self._since
+            self._name = ""
+
+
+def _silent(_: str) -> None:
+    return None
+
+
+def retarget(
+    motion: ActorMotion,
+    mapper: TrainedMapper,
+    *,
+    settings: RetargetSettings | None = None,
+    phases: contact.Phases | None = None,
+    progress: Progress = _silent,
+) -> Retargeted:
+    """Turn an actor's motion into a clip of the mapper's character.
+
+    Args:
+        motion: the actor's motion, from :func:`physretarget.capture.load`.
+        mapper: learned by :func:`physretarget.trained.learn`; carries its character.
+        settings: what can be set, defaults if None.
+        phases: contact phases set by hand; detected from the motion if None.
+        progress: called with each stage's name as it starts.
+
+    Raises:
+        InputError: no run of valid frames is long enough to differentiate.
+    """
+    settings = settings or RetargetSettings()
+    if settings.until not in STAGES:
+        raise UsageError(f"until is {settings.until!r}; it is one of {', '.join(STAGES)}.")
+    watch = _Stopwatch(progress)
+    character = mapper.character
+
+    watch.start("prepare")
+    motion, notes = _prepare(motion, settings)
+    actor = actor_character(motion.shape)
+    motion = _filtered(motion, actor, settings)
+    reference = motion.on(ActorShape.reference())
+
+    watch.start("map")
+    y = features(mapper.actor, reference.qpos)
+    mapped = mapper.mapper.predict(y)
+
+    watch.start("pose")
+    pose = ik.solve(character, mapped.mean, start=mapper.nearest_pose(y))
+
+    placed = contacted = physical = None
+    time = motion.time
+    if STAGES.index(settings.until) >= STAGES.index("placed"):
+        watch.start("place")
+        placed = momentum.place(
+            character, pose.qpos, actor, motion.qpos, time, heading=settings.heading
+        )
+    if placed is not None and STAGES.index(settings.until) >= STAGES.index("contacted"):
+        watch.start("contact")
+        phases = phases.at(time) if phases is not None else contact.detect_phases(motion)
+        contacted = contact.adjust(character, placed.qpos, time, phases)
+        notes += contacted.notes
+    if contacted is not None and settings.until == "physical":
+        watch.start("physics")
+        physical = ocp.optimise(
+            character,
+            contacted.qpos,
+            time,
+            contacted.active,
+            pose_error=features(character, contacted.qpos) - mapped.mean,
+            pose_variance=mapped.variance,
+            settings=ocp.RootHeightSettings.preset(settings.physics),
+        )
+        notes += physical.notes
+    watch.stop()
+
+    final = physical or contacted or placed or pose
+    return Retargeted(
+        character=character,
+        actor=actor,
+        motion=motion,
+        reference=reference,
+        y=y,
+        mapped=mapped,
+        pose=pose,
+        placed=placed,
+        phases=phases,
+        contacted=contacted,
+        physical=physical,
+        clip=Clip(
+            qpos=final.qpos,
+            time=time,
+            joint_names=character.joint_names,
+            model_name=character.name,
+            model_sha256=character.sha256,
+            contact_points=character.contacts.names if contacted else (),
+            contact_active=contacted.active if contacted else None,
+            meta=_provenance(motion, mapper, settings),
+        ),
+        seconds=watch.seconds,
+        notes=motion.notes + notes,
+    )
+
+
+def _provenance(
+    motion: ActorMotion, mapper: TrainedMapper, settings: RetargetSettings
+) -> dict[str, Any]:
+    """What the clip was made from: every input with its hash, every parameter, the seed.
+
+    No time of day and no absolute path: same inputs and seed give the same bytes.
+    """
+    return {
+        "tool": {"name": "physretarget", "version": __version__},
+        "inputs": {
+            "capture": {"name": motion.source.name, "sha256": motion.source.sha256},
+            "character": {"name": mapper.character.name, "sha256": mapper.character.sha256},
+            "keyposes": {"names": list(mapper.names), "sha256": mapper.sha256},
+        },
+        "mapper": mapper.mapper.name,
+        "settings": asdict(settings),
+    }
+
+
+def _prepare(
+    motion: ActorMotion, settings: RetargetSettings
+) -> tuple[ActorMotion, tuple[str, ...]]:
+    """The longest run of valid frames, at the clip's frame rate."""
+    first, last = _longest_run(motion.valid)
+    notes: tuple[str, ...] = ()
+    if last - first + 1 < 8:
+        raise InputError(
+            f"only {last - first + 1} usable frames in a row; at least 8 are needed.",
+            path=motion.source.path,
+        )
+    if (first, last) != (0, len(motion.time) - 1):
+        notes += (
+            f"Frames {first} to {last} of {len(motion.time)} are used: "
+            "the others have no usable pose.",
+        )
+        motion = motion.cut(first, last)
+    fps = settings.fps or min(motion.fps, settings.max_fps)
+    if abs(fps - motion.fps) > 1e-6:
+        notes += (f"Resampled from {motion.fps:g} to {fps:g} frames per second.",)
+        motion = motion.resampled(fps)
+    return motion, notes
+
+
+def _filtered(motion: ActorMotion, actor: Character, settings: RetargetSettings) -> ActorMotion:
+    if settings.lowpass_hz is None:
+        return motion
+    return replace(motion, qpos=lowpass(actor, motion.qpos, motion.fps, settings.lowpass_hz))
+
+
+def _longest_run(valid: NDArray[np.bool_]) -> tuple[int, int]:
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], valid.astype(np.int8), [0]))))
+    if edges.size == 0:
+        return 0, -1
+    starts, ends = edges[::2], edges[1::2] - 1
+    longest = int(np.argmax(ends - starts))
+    return int(starts[longest]), int(ends[longest])

@@ -1,0 +1,259 @@
+"""From a retargeting to its page: picks what the page shows, computes no physics of its own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physretarget import kinematics
+from physretarget.clip import npz_bytes, write_file
+from physretarget.mapping import SharedGPLVM
+from physretarget.mapping.latent import latent_map
+from physretarget.pipeline import Retargeted
+from physretarget.replay.scene import Forces
+from physretarget.report.html import render_retarget_html
+from physretarget.report.json import render_json
+from physretarget.report.retarget_data import (
+    ForceCurves,
+    KeyNumber,
+    LatentMap,
+    MomentumCurves,
+    RetargetReport,
+    StageMotion,
+)
+from physretarget.trained import TrainedMapper
+from physretarget.validation import Report
+
+Array = NDArray[np.float64]
+
+_STAGE_NOTES = {
+    "mapped": "poses from the key poses, on the spot",
+    "placed": "travel and turn from the actor's momentum",
+    "contacted": "feet planted where the actor's are",
+    "physical": "height of the root made to obey gravity and contact",
+}
+
+
+def write_retarget_report(
+    result: Retargeted, mapper: TrainedMapper, report: Report, folder: str | Path
+) -> Path:
+    """Write ``report.html``, ``report.json``, ``stages.npz`` and the clip into a folder.
+
+    Returns the path of the page.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    stages: dict[str, NDArray[np.generic]] = {
+        f"qpos_{name}": qpos for name, qpos in result.stages().items()
+    }
+    stages |= {"time": result.motion.time, "actor_qpos": result.motion.qpos}
+    write_file(folder / "stages.npz", npz_bytes(stages))
+    result.clip.save(folder / "clip.npz")
+    write_file(folder / "report.json", render_json(report).encode())
+    page = folder / "report.html"
+    write_file(page, render_retarget_html(retarget_data(result, mapper, report)).encode())
+    return page
+
+
+def retarget_data(result: Retargeted, mapper: TrainedMapper, report: Report) -> RetargetReport:
+    """Everything that the page of one retargeting shows."""
+    source = result.motion.source
+    contacted = result.contacted
+    return RetargetReport(
+        title=f"{Path(source.name).stem} → {result.character.name}",
+        capture=source.name,
+        time=result.motion.time,
+        actor=result.actor,
+        actor_qpos=result.motion.qpos,
+        character=result.character,
+        character_name=result.character.name,
+        stages=tuple(
+            StageMotion(label=name, qpos=qpos, note=_STAGE_NOTES[name])
+            for name, qpos in result.stages().items()
+        ),
+        contact_active=contacted.active if contacted else None,
+        actor_contact_active=_actor_contacts(result),
+        forces=_arrows(result),
+        momentum=_momentum(result),
+        force=_forces(result),
+        latent=_latent(result, mapper),
+        pose_variance=_standard_deviation(result),
+        numbers=_numbers(result, report),
+        report=report,
+        notes=result.notes,
+        sections=_sections(result, mapper),
+    )
+
+
+def _actor_contacts(result: Retargeted) -> NDArray[np.bool_] | None:
+    if result.phases is None:
+        return None
+    return np.stack([result.phases.of(name) for name in result.actor.tied], axis=1)
+
+
+def _arrows(result: Retargeted) -> Forces | None:
+    """The contact model's force on the character, in body weights."""
+    physical, contacted, character = result.physical, result.contacted, result.character
+    if physical is None or contacted is None:
+        return None
+    # One arrow for the whole base, at the middle of the points that stand.
+    pose = kinematics.forward(character.tree, physical.qpos)
+    place = kinematics.points(pose, character.contacts.body, character.contacts.local)
+    share = contacted.active / np.maximum(contacted.active.sum(axis=1, keepdims=True), 1)
+    origin = np.einsum("tc,tci->ti", share, place)
+    force = np.where(contacted.active.any(axis=1)[:, None], physical.contact_after, 0.0)
+    return Forces(origin[:, None], force[:, None] / character.weight)
+
+
+def _momentum(result: Retargeted) -> tuple[MomentumCurves, ...]:
+    placed = result.placed
+    if placed is None:
+        return ()
+    return (
+        MomentumCurves(axis="forward", target=placed.target[:, 0], achieved=placed.achieved[:, 0]),
+        MomentumCurves(
+            axis="about the vertical",
+            target=placed.target_angular[:, 2],
+            achieved=placed.achieved_angular[:, 2],
+            unit="kg m²/s",
+        ),
+    )
+
+
+def _forces(result: Retargeted) -> ForceCurves | None:
+    physical, weight = result.physical, result.character.weight
+    if physical is None:
+        return None
+    return ForceCurves(
+        required_before=physical.required_before[:, 2] / weight,
+        contact_before=physical.contact_before[:, 2] / weight,
+        required_after=physical.required_after[:, 2] / weight,
+        contact_after=physical.contact_after[:, 2] / weight,
+        displacement=physical.displacement,
+    )
+
+
+def _latent(result: Retargeted, mapper: TrainedMapper) -> tuple[LatentMap, ...]:
+    model, latent = mapper.mapper, result.mapped.latent
+    if not isinstance(model, SharedGPLVM) or latent is None:
+        return ()
+    found = latent_map(model, latent)
+    return (
+        LatentMap(
+            label=f"{model.latent.shape[1]} latent dimensions",
+            trajectory=found.trajectory,
+            key_poses=found.keys,
+            own=np.array([s == result.motion.source.name for s in mapper.sources]),
+            names=mapper.names,
+            variance=found.variance,
+            extent=(
+                float(found.grid_x[0]),
+                float(found.grid_x[-1]),
+                float(found.grid_y[0]),
+                float(found.grid_y[-1]),
+            ),
+        ),
+    )
+
+
+def _standard_deviation(result: Retargeted) -> Array | None:
+    variance = result.mapped.variance
+    return None if np.isnan(variance).all() else np.sqrt(variance)
+
+
+def _numbers(result: Retargeted, report: Report) -> tuple[KeyNumber, ...]:
+    height = result.character.height
+    numbers = [
+        KeyNumber(
+            label="Findings",
+            value=f"{report.errors} errors, {report.warnings} warnings",
+            good=report.passed,
+        )
+    ]
+    if result.placed is not None:
+        error = 100 * result.placed.error
+        numbers.append(
+            KeyNumber(
+                label="Forward momentum",
+                value=error,
+                unit="%",
+                note="RMS off its target",
+                good=error <= 2.0,
+            )
+        )
+    if result.contacted is not None:
+        numbers.append(
+            KeyNumber(
+                label="Planted points move",
+                value=1000 * result.contacted.slide_max_m,
+                unit="mm",
+                note="at most, within a stance",
+                good=result.contacted.slide_max_m < 0.002,
+            )
+        )
+    if (physical := result.physical) is not None:
+        fall = physical.improvement
+        lift = float(np.abs(physical.displacement).max())
+        numbers += [
+            KeyNumber(
+                label="Vertical mismatch",
+                value=-100 * fall,
+                unit="%",
+                note=f"{physical.mismatch_before:.1f} N to {physical.mismatch_after:.1f} N RMS",
+                good=fall >= 0.6,
+            ),
+            KeyNumber(
+                label="Root displaced",
+                value=100 * lift / height,
+                unit="% of height",
+                note=f"{1000 * lift:.0f} mm at most",
+                good=lift <= 0.15 * height,
+            ),
+        ]
+        if np.isfinite(physical.bound_ratio):
+            numbers.append(
+                KeyNumber(
+                    label="Above the convex bound",
+                    value=physical.bound_ratio,
+                    unit="×",
+                    note=f"no displacement gets below {physical.bound_rms:.1f} N",
+                )
+            )
+        if np.isfinite(physical.ballistic_after):
+            numbers.append(
+                KeyNumber(
+                    label="Off ballistic flight",
+                    value=physical.ballistic_after,
+                    unit="m/s²",
+                    note=f"{physical.ballistic_before:.1f} before",
+                    good=physical.ballistic_after <= 1.0,
+                )
+            )
+    return tuple(numbers)
+
+
+def _sections(result: Retargeted, mapper: TrainedMapper) -> dict[str, dict[str, object]]:
+    meta = result.clip.meta
+    seconds = {name: f"{value:.3f} s" for name, value in result.seconds.items()}
+    total = sum(result.seconds.values())
+    return {
+        "Inputs": {
+            "capture": result.motion.source.name,
+            "capture sha256": result.motion.source.sha256,
+            "capture format": result.motion.source.format,
+            "character": result.character.name,
+            "character sha256": result.character.sha256,
+            "key poses": len(mapper.names),
+        },
+        "Parameters": {
+            **meta["settings"],
+            "mapper": mapper.mapper.name,
+            "version": meta["tool"]["version"],
+        },
+        "Time taken": {
+            **seconds,
+            "all stages": f"{total:.3f} s for {result.clip.duration:.2f} s of animation",
+        },
+    }
