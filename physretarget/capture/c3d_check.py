@@ -40,6 +40,9 @@ def check(content: bytes, path: str | Path) -> int:
     used = _whole(parameters, "POINT", "USED", order)
     if used is None or used != points:
         raise InputError(f"the header counts {points} points, POINT:USED {used}", path=path)
+    for name in ("LABELS", "RATE", "SCALE", "UNITS"):
+        if points and ("POINT", name) not in parameters:
+            raise InputError(f"the parameter POINT:{name} is missing", path=path)
     channels = _whole(parameters, "ANALOG", "USED", order) or 0
     per_frame = struct.unpack(order + "H", content[18:20])[0]
     if channels * per_frame != analog:
@@ -85,8 +88,12 @@ def _parameters(
             raise InputError(f"parameter {name!r} reaches beyond the file", path=path)
         body = content[name_end + 2 : following]
         if group < 0:
+            if -group in groups:
+                raise InputError(f"parameter group {name!r} takes another one's number", path=path)
             groups[-group] = name
-            used = 1 + body[0]
+            used = 1 + body[0] if body else 1
+            if used < len(body):
+                raise InputError(f"parameter group {name!r} is damaged", path=path)
         else:
             parameter, used = _parameter(body, name, path)
             found[group, name] = parameter
@@ -95,8 +102,10 @@ def _parameters(
         if not jump:
             break
         at = following
-    if any(group not in groups for group, _ in found):
+    if {group for group, _ in found} - set(groups):
         raise InputError("a parameter belongs to no group", path=path)
+    if len(set(groups.values())) < len(groups):
+        raise InputError("two parameter groups have one name", path=path)
     return {(groups[group], name): parameter for (group, name), parameter in found.items()}
 
 
