@@ -31,6 +31,7 @@ _STATURE = (0.5, 3.0)  # m: from a small child to a stylised giant
 _TOE_HEIGHT = (-0.012, 0.035)
 _TOE_TYPICAL = 0.014
 _ANKLE_HEIGHT = (0.02, 0.085)
+_STOOD = 0.3  # s: feet that stand for less say little about the floor
 _FLOOR = 0.01  # m: a floor this near to z = 0 is left where it is
 
 
@@ -159,6 +160,11 @@ def _floor(
     measured: Measured, calibrated: Calibrated, size: float
 ) -> tuple[float, tuple[str, ...]]:
     """The floor's height in the file's world (m), and a sentence if it is not zero."""
+    ankle = _standing_height(measured, calibrated.stance, "ankle")
+    plausible = _ANKLE_HEIGHT[0] * size <= ankle <= _ANKLE_HEIGHT[1] * size
+    stood = sum(np.count_nonzero(frames) for frames in calibrated.stance.values()) / measured.fps
+    if stood < _STOOD and 0.0 <= ankle <= 0.1 * size:
+        return 0.0, ("no foot stands long enough to check the floor: the file's is taken",)
     has_toes = all(f"{side}_foot" in measured.end for side in ("left", "right"))
     if has_toes:
         low = _standing_height(measured, calibrated.stance, "toe")
@@ -166,10 +172,9 @@ def _floor(
             return 0.0, ()
         floor = low - _TOE_TYPICAL * size
     else:
-        low = _standing_height(measured, calibrated.stance, "ankle")
-        if _ANKLE_HEIGHT[0] * size <= low <= _ANKLE_HEIGHT[1] * size:
+        if plausible:
             return 0.0, ()
-        floor = low - 0.039 * size
+        floor = ankle - 0.039 * size
     if abs(floor) <= _FLOOR:
         return 0.0, ()
     return floor, (f"the floor was found at {floor:.3f} m and shifted to zero",)

@@ -293,3 +293,12 @@ def test_runners_move_where_they_face_and_step_in_turn(data: Path) -> None:
         assert np.median(ahead) > 0.4
         left, right = (flexion(motion, f"{side}_thigh") for side in ("left", "right"))
         assert np.corrcoef(left, right)[0, 1] < 0
+
+
+def test_a_floor_that_nobody_stands_on_is_the_file_s() -> None:
+    shape = ActorShape.reference()
+    motion = recorded(shape, walking(shape), twists("standing"))
+    drift = np.linspace(0, 12.0, FRAMES)[:, None, None] * np.array([1.0, 0, 0])  # a gliding walk
+    got = fit_joints(replace(motion, position=motion.position + drift))
+    assert any("no foot stands" in note for note in got.notes)
+    np.testing.assert_allclose(got.qpos[:, 2], motion.position[:, 0, 2], atol=1e-6)
