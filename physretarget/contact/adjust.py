@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget import kinematics
+from physretarget.contact.clearance import surface_points
 from physretarget.contact.phases import Phases, any_point, runs
 from physretarget.contact.settings import ContactSettings
 from physretarget.contact.sole import Sole, SoleMotion, make_sole, sole_motion, yaw_quat
@@ -20,9 +21,12 @@ from physretarget.mjcf import Character
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
 
 TOUCHING = 1e-3
 """A point this near to its place on the floor (m) counts as planted, whoever bears the body."""
+FLOOR_SLACK = 1e-4
+"""Carried bodies may be this far below the floor (m) without being lifted."""
 SHORTEST_TOUCH = 0.05
 """Shorter touches of points that bear nothing by the timetable are not reported (s)."""
 
@@ -111,6 +115,7 @@ def adjust(
     moved = _carried(character, qpos, feet)
     if _off_track(character, moved, feet) > 1e-5:
         moved = _followed(character, moved, feet, settings)
+    moved = _above_floor(character, moved, feet, settings)
     moved = continuous_qpos(character, moved)
     for foot in feet:
         target[:, foot.sole.points] = foot.track.target
@@ -247,24 +252,34 @@ def _points(pose: kinematics.Pose, sole: Sole) -> Floats:
 
 
 def _followed(
-    character: Character, qpos: Floats, feet: list[_Foot], settings: ContactSettings
+    character: Character,
+    qpos: Floats,
+    feet: list[_Foot],
+    settings: ContactSettings,
+    *,
+    frames: Ints | None = None,
+    lifted: PointTargets | None = None,
 ) -> Floats:
-    """Inverse kinematics: contact points on their paths, everything else as it was."""
+    """Inverse kinematics: contact points on their paths, everything else as it was.
+
+    ``qpos`` are the poses of ``frames``, by default all; ``lifted`` are further targets.
+    """
+    frames = np.arange(len(qpos)) if frames is None else frames
     pose = kinematics.forward(character.tree, qpos)
     markers = character.markers
-    targets = [
-        PointTargets(
-            markers.body, markers.local, kinematics.points(pose, markers.body, markers.local)
-        )
-    ]
+    here = kinematics.points(pose, markers.body, markers.local)
+    targets = [PointTargets(markers.body, markers.local, here)]
     for foot in feet:
-        sole, track = foot.sole, foot.track
-        flight = settings.flight_weight / (1.0 + (track.away / settings.fade) ** 2) ** 2
-        near = np.exp(-((track.away / 0.04) ** 2))
+        sole, away = foot.sole, foot.track.away[frames]
+        flight = settings.flight_weight / (1.0 + (away / settings.fade) ** 2) ** 2
+        near = np.exp(-((away / 0.04) ** 2))
         weight = (flight + (settings.stance_weight - flight) * near)[:, None]
         weight = np.broadcast_to(weight, (len(qpos), len(sole.local)))
         bodies = np.full(len(sole.local), sole.body)
-        targets.append(PointTargets(bodies, sole.local, track.points(sole), weight))
+        path = foot.track.points(sole)[frames]
+        targets.append(PointTargets(bodies, sole.local, path, weight))
+    if lifted is not None:
+        targets.append(lifted)
     # Joints that the points leave undetermined (the twist of a straight leg) stay put.
     prior = np.full(character.tree.nv, settings.joint_weight * character.height**2)
     if character.has_root:
@@ -280,6 +295,38 @@ def _followed(
         tolerance=1e-4,
     )
     return found.qpos
+
+
+def _above_floor(
+    character: Character, qpos: Floats, feet: list[_Foot], settings: ContactSettings
+) -> Floats:
+    """Lift what is carried below the floor onto it; frames with nothing below stay as they are.
+
+    A body is lifted as a whole by the depth of its lowest point. That moves its neighbours:
+    a few rounds.
+    """
+    stood_on = [foot.sole.body for foot in feet]
+    body, local = surface_points(character, np.setdiff1d(character.bodies, stood_on))
+    moved, floor = qpos.copy(), character.floor_height
+    frames = np.arange(len(qpos))
+    for _ in range(4):
+        where = kinematics.points(kinematics.forward(character.tree, moved[frames]), body, local)
+        depth = np.zeros(where.shape[:2])
+        for one in np.unique(body):
+            mine = body == one
+            depth[:, mine] = np.maximum(floor - where[:, mine, 2], 0.0).max(axis=1, keepdims=True)
+        low = depth.max(axis=1, initial=0.0) > FLOOR_SLACK
+        frames = frames[low]
+        if not len(frames):
+            break
+        target, depth = where[low], depth[low]
+        target[..., 2] += depth
+        target[depth == 0.0] = np.nan
+        lift = PointTargets(body, local, target, settings.clearance_weight)
+        moved[frames] = _followed(
+            character, moved[frames], feet, settings, frames=frames, lifted=lift
+        )
+    return moved
 
 
 def _measured(

@@ -33,9 +33,11 @@ class ContactSettings:
         which is always used for a foot that swings.
     waddle: a body that carries points of both feet rolls onto the side that stands by this
         angle, so that a walk shows (rad; zero for none), and back, each within ``rock`` s.
+    max_tilt: such a body tilts no more than this while it stands, rad.
     settle: time over which a body's tilt changes when other points become planted, s.
     stance_weight: weight of planted points against 1 for each virtual marker;
         flight_weight: of the same points in flight, fading over ``fade`` s from the stance.
+    clearance_weight: of points of other bodies that would be below the floor.
     joint_weight: of a joint's change, per rad² and height².
     """
 
@@ -51,10 +53,12 @@ class ContactSettings:
     swing_height: float = 0.015
     waddle: float = 0.1
     rock: float = 0.25
+    max_tilt: float = 0.35
     settle: float = 0.06
     stance_weight: float = 1e4
     flight_weight: float = 1e2
     fade: float = 0.15
+    clearance_weight: float = 100.0
     joint_weight: float = 0.05
     blend: Blend = "ballistic"
     gravity: float = 9.81

@@ -91,6 +91,9 @@ def _tilt_on_floor(
     constraints of all their neighbours obeys its own: smooth, and no point sinks.
     """
     wanted = tilt + _waddle(sole, planted, time[: len(tilt)], settings)
+    if sole.two_sided:
+        size = np.linalg.norm(wanted, axis=1, keepdims=True)
+        wanted *= np.minimum(1.0, settings.max_tilt / np.maximum(size, 1e-9))
     step = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
     reach = min(round(settings.settle / step), len(tilt))
     offsets = range(-reach, reach + 1)

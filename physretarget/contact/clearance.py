@@ -1,0 +1,82 @@
+"""Bodies that do not stand on the floor stay above it.
+
+Bringing a base to the floor can take what it carries below: a lamp that bows deeply, or a
+pose far from every key pose. Points on the surface of the carried bodies that end below the
+floor are lifted onto it by inverse kinematics, in the frames concerned alone.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from physretarget import kinematics
+from physretarget.mjcf import Character
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+DIRECTIONS = 40
+"""A body is represented by its farthest points in so many directions."""
+
+
+def surface_points(character: Character, bodies: Ints) -> tuple[Ints, Floats]:
+    """Bodies (K,) and local positions (K, 3) of points that span the hulls of ``bodies``."""
+    every_body: list[int] = []
+    every_point: list[Floats] = []
+    for body in bodies:
+        cloud = _cloud(character.model, int(body))
+        if len(cloud):
+            farthest = np.unique(np.argmax(cloud @ _sphere(DIRECTIONS).T, axis=0))
+            every_body += [int(body)] * len(farthest)
+            every_point.append(cloud[farthest])
+    if not every_point:
+        return np.zeros(0, dtype=np.int64), np.zeros((0, 3))
+    return np.array(every_body, dtype=np.int64), np.concatenate(every_point)
+
+
+def _cloud(model: mujoco.MjModel, body: int) -> Floats:
+    """Points (N, 3) on the surfaces of a body's geoms, in the body's frame."""
+    first = int(model.body_geomadr[body])
+    clouds = []
+    for geom in range(first, first + int(model.body_geomnum[body])):
+        turn = kinematics.quat_to_matrix(np.array(model.geom_quat[geom]))
+        clouds.append(_geom_cloud(model, geom) @ turn.T + model.geom_pos[geom])
+    return np.concatenate(clouds) if clouds else np.zeros((0, 3))
+
+
+def _geom_cloud(model: mujoco.MjModel, geom: int) -> Floats:
+    kind = int(model.geom_type[geom])
+    size: Floats = np.array(model.geom_size[geom], dtype=np.float64)
+    ball = _sphere(DIRECTIONS)
+    shapes = mujoco.mjtGeom
+    if kind == shapes.mjGEOM_MESH:
+        mesh = int(model.geom_dataid[geom])
+        start = int(model.mesh_vertadr[mesh])
+        return np.array(model.mesh_vert[start : start + int(model.mesh_vertnum[mesh])], dtype=float)
+    if kind == shapes.mjGEOM_SPHERE:
+        return np.asarray(size[0] * ball)
+    if kind == shapes.mjGEOM_CAPSULE:
+        ends = np.array([[0.0, 0.0, size[1]], [0.0, 0.0, -size[1]]])
+        return np.asarray((size[0] * ball + ends[:, None]).reshape(-1, 3))
+    if kind == shapes.mjGEOM_ELLIPSOID:
+        return size * ball
+    if kind == shapes.mjGEOM_CYLINDER:
+        angle = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
+        rim = size[0] * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
+        up = np.array([0.0, 0.0, size[1]])
+        return np.concatenate([rim + up, rim - up])
+    if kind == shapes.mjGEOM_BOX:
+        corners = np.array(np.meshgrid([-1.0, 1.0], [-1.0, 1.0], [-1.0, 1.0]))
+        return np.asarray(size * corners.reshape(3, 8).T)
+    return np.zeros((0, 3))
+
+
+def _sphere(count: int) -> Floats:
+    """Directions (count + 6, 3) spread evenly (a Fibonacci lattice), and the axes."""
+    k = np.arange(count) + 0.5
+    height, angle = 1.0 - 2.0 * k / count, np.pi * (1.0 + 5.0**0.5) * k
+    radius = np.sqrt(1.0 - height**2)
+    spread = np.stack([radius * np.cos(angle), radius * np.sin(angle), height], axis=1)
+    return np.concatenate([spread, np.eye(3), -np.eye(3)])
