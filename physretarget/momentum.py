@@ -228,7 +228,7 @@ def _integrated(rate: Array, step: float) -> Array:
     """The path from zero whose central differences are ``rate`` (T,) or (T, n).
 
     Momentum is taken from central differences; a sum by trapezoids would come back damped,
-    by 7 % at a tenth of the frame rate. Central differences alone do not tie even frames to
+    by 10 % at a tenth of the frame rate. Central differences alone do not tie even frames to
     odd ones, so the path also follows the trapezoids, with the small weight SMOOTHNESS: least
     squares, banded, linear in time.
     """
