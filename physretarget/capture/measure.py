@@ -205,6 +205,15 @@ class _Reader:
         for part in parts:
             segment = f"{side}_{part}"
             joint = roles.get(segment)
+            # A bone without length has no direction.
+            if (
+                part in ("forearm", "hand")
+                and joint is not None
+                and last is not None
+                and not self._apart(joint, last)
+            ):
+                self.notes.append(f"the {side} {part} joint lies on the one before: held still")
+                return
             if joint is not None:
                 self.add(segment, joint)
                 last = joint
