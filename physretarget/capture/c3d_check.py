@@ -33,7 +33,7 @@ def check(content: bytes, path: str | Path) -> int:
     order = ">" if content[start + 3] == _MIPS else "<"
     points, analog, first, last = struct.unpack(order + "4H", content[2:10])
     data = (struct.unpack(order + "H", content[16:18])[0] - 1) * _BLOCK
-    frames = max(0, last - first + 1)
+    frames = max(0, int(last) - int(first) + 1)
     # Numbers take two or four bytes; what ezc3d then finds tells the rest.
     _fits(content, data, frames, points, 4 * points + analog, path)
     parameters = _parameters(content, start + 4, order, path)
@@ -92,13 +92,12 @@ def _parameters(
                 raise InputError(f"parameter group {name!r} takes another one's number", path=path)
             groups[-group] = name
             used = 1 + body[0] if body else 1
-            if used < len(body):
-                raise InputError(f"parameter group {name!r} is damaged", path=path)
         else:
             parameter, used = _parameter(body, name, path)
             found[group, name] = parameter
-        if used > len(body):
-            raise InputError(f"parameter {name!r} is longer than its entry", path=path)
+        # The last entry may end with no pointer; every other one ends where the next begins.
+        if used > len(body) or (jump and used < len(body)):
+            raise InputError(f"parameter {name!r} does not fill its entry", path=path)
         if not jump:
             break
         at = following
