@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from physretarget import __version__
 from physretarget.clip import Clip
+from physretarget.replay.clip import report_forces
 from physretarget.replay.figures import Modelled, figure
 from physretarget.replay.payload import payload, script_json
 from physretarget.replay.scene import Forces, Mark, Scene
@@ -29,7 +30,8 @@ from physretarget.report.charts import (
     latent_plot,
 )
 from physretarget.report.retarget_data import RetargetReport
-from physretarget.report.words import GROUPS, TILES, duration, look, number, quantity
+from physretarget.report.words import GROUPS, TILES, duration, look, number, pretty, quantity
+from physretarget.validation import Report
 
 Array = NDArray[np.float64]
 MAX_ROWS = 300
@@ -65,25 +67,28 @@ def render_html(
             figure(
                 character,
                 clip.qpos,
-                name=str(document["model"].get("path") or "character"),
+                name=_file_name(document["model"].get("path")) or "character",
                 tint=(0.42, 0.52, 0.70),
                 contact_active=active,
-                forces=forces,
+                forces=forces if forces is not None else _forces(report, clip),
             ),
         ),
         marks=marks,
     )
-    plots = [*_finding_plots(marks), *_contact_plots(character, active)]
     charts = _series_charts(getattr(report, "series", {}), clip.frames)
+    first = [chart for chart in charts if chart.id == "series-force"]
+    rest = [chart for chart in charts if chart.id != "series-force"]
+    wide = [*first, *_finding_plots(marks), *_contact_plots(character, active)]
     return _page(
         "validation.html.j2",
         scene,
-        plots=[*charts, *plots],
+        plots=[*wide, *rest],
         context={
             "title": scene.title,
             "model_name": _file_name(document["model"].get("path")) or "model",
             "tiles": _measure_tiles(document),
-            "plots": [*charts, *plots],
+            "plots": wide,
+            "more_plots": rest,
             "filter_note": _filter_note(document),
             "sections": _facts(_document_sections(document)),
             **_judgement(document),
@@ -217,6 +222,11 @@ def _clip_contacts(clip: Clip, character: Modelled) -> NDArray[np.bool_] | None:
     if clip.contact_active is None or clip.contact_points != tuple(character.contacts.names):
         return None
     return clip.contact_active
+
+
+def _forces(report: Any, clip: Clip) -> Forces | None:
+    """Arrows from a report's own series; its JSON form carries none."""
+    return report_forces(report, clip.frames) if isinstance(report, Report) else None
 
 
 # ---- charts ---------------------------------------------------------------------------------
@@ -361,7 +371,7 @@ def _judgement(document: Mapping[str, Any] | None) -> dict[str, Any]:
             {
                 "name": name,
                 "value": number(m["value"], 4),
-                "unit": m["unit"],
+                "unit": pretty(m["unit"]),
                 "frame": m.get("frame"),
             }
             for name, m in document["measures"].items()
@@ -451,7 +461,7 @@ def _file_name(path: Any) -> str:
 
 
 @cache
-def _templates() -> Environment:
+def templates() -> Environment:
     return Environment(
         loader=PackageLoader("physretarget.report", "templates"),
         autoescape=True,
@@ -462,9 +472,9 @@ def _templates() -> Environment:
 
 
 def _source(name: str) -> str:
-    loader = _templates().loader
+    loader = templates().loader
     assert loader is not None
-    return loader.get_source(_templates(), name)[0]
+    return loader.get_source(templates(), name)[0]
 
 
 def _page(
@@ -491,7 +501,7 @@ def _page(
     }
     ours = Markup(asset("filmstrip.js")), Markup(_source("report.js"))
     return (
-        _templates()
+        templates()
         .get_template(template)
         .render(
             version=__version__,

@@ -38,9 +38,15 @@ GROUPS: dict[str, str] = {
     "force": "Vertical force the motion requires",
     "unexplained": "Force no contact can explain",
     "height": "Height of the lowest point",
+    "depth": "Ground penetration",
     "speed": "Slide speed of standing contacts",
-    "com": "Centre of mass",
+    "moment": "Moment no contact can explain",
+    "cop": "Centre of pressure outside the support",
     "torque": "Joint torque, share of the limit",
+    "joints": "Speed of the fastest joint",
+    "self": "Self-penetration",
+    "jerk": "Jerk, dimensionless",
+    "com": "Centre of mass",
 }
 
 
@@ -69,7 +75,12 @@ def quantity(value: Any, unit: str) -> tuple[str, str]:
             return f"{number(100.0 * value)}", "%"
         if unit == "m" and abs(value) < 0.1:
             return f"{number(1000.0 * value)}", "mm"
-    return number(value), "" if unit == "1" else unit
+    return number(value), "" if unit == "1" else pretty(unit)
+
+
+def pretty(unit: str) -> str:
+    """A unit as print has it: m/s² for m/s^2, BW·h for BW h."""
+    return unit.replace("^2", "²").replace("^3", "³").replace("BW h", "BW·h")
 
 
 def duration(seconds: float) -> str:
@@ -91,7 +102,11 @@ def look(name: str) -> SeriesLook | None:
         "penetration_m": SeriesLook("depth", "penetration", "m", "red"),
         "skate_speed_m_s": SeriesLook("speed", "slide speed", "m/s", "amber"),
         "com_height_m": SeriesLook("com", "height of the CoM", "m", "green"),
-        "joint_torque_ratio": SeriesLook("torque", "largest share", "1", "amber"),
+        "joint_torque_ratio": SeriesLook("torque", "largest share", "", "amber"),
+        "cop_outside_m": SeriesLook("cop", "outside by", "m", "amber"),
+        "joint_speed_rad_s": SeriesLook("joints", "fastest joint", "rad/s", "blue"),
+        "self_penetration_m": SeriesLook("self", "depth", "m", "red"),
+        "jerk_dimensionless": SeriesLook("jerk", "jerk", "", "violet"),
     }
     if name in known:
         return known[name]
