@@ -100,8 +100,9 @@ def derivatives(character: Character, qpos: Array, time: Array) -> tuple[Array, 
 def lowpass(character: Character, qpos: Array, fps: float, hz: float) -> Array:
     """Filter a clip by a zero-lag 4th-order Butterworth low-pass; returns qpos (T, nq).
 
-    A second-order filter runs forward and backward; its cut-off is raised by 1/0.802 so that
-    the two passes together have their -3 dB point at `hz` (Winter 2009, section 3.4.4.2).
+    A second-order filter with its cut-off at `hz` runs forward and backward, as ``filtfilt`` and
+    most published figures have it: each pass takes 3 dB at `hz`, both together 6 dB, and 3 dB at
+    0.802 `hz`. (Winter 2009, section 3.4.4.2, would raise the cut-off by 1/0.802.)
     Quaternions are made continuous, filtered by component and renormalised: exact for a
     rotation at rest, and to second order in the angle swept within the filter's window.
 
@@ -110,15 +111,14 @@ def lowpass(character: Character, qpos: Array, fps: float, hz: float) -> Array:
     """
     qpos = _checked(character, qpos)
     nyquist = 0.5 * fps
-    edge = hz / (np.sqrt(2.0) - 1.0) ** 0.25
-    if not 0 < edge < nyquist:
+    if not 0 < hz < nyquist:
         raise UsageError(
             f"a low-pass of {hz:g} Hz is not possible at {fps:g} frames per second: "
-            f"it must lie between 0 and {0.802 * nyquist:.3g} Hz"
+            f"it must lie between 0 and {nyquist:g} Hz"
         )
     if len(qpos) < 3:
         return qpos.copy()
-    sos = butter(2, edge / nyquist, output="sos")
+    sos = butter(2, hz / nyquist, output="sos")
     smooth = qpos.copy()
     address = character.tree.quats[0]
     smooth[:, address] = continuous(smooth[:, address])
