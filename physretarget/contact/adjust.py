@@ -302,31 +302,40 @@ def _above_floor(
 ) -> Floats:
     """Lift what is carried below the floor onto it; frames with nothing below stay as they are.
 
-    A body is lifted as a whole by the depth of its lowest point. That moves its neighbours:
-    a few rounds.
+    A body is lifted as a whole by the depth of its lowest point, as far as it is deeper than in
+    the reference pose. That moves its neighbours: a few rounds.
     """
     stood_on = [foot.sole.body for foot in feet]
     body, local = surface_points(character, np.setdiff1d(character.bodies, stood_on))
-    moved, floor = qpos.copy(), character.floor_height
+    slack = FLOOR_SLACK + _depth(character, character.reference_qpos[None], body, local)[0]
+    share = np.array([settings.clearance_weight / (body == one).sum() for one in body])
+    moved = qpos.copy()
     frames = np.arange(len(qpos))
     for _ in range(4):
-        where = kinematics.points(kinematics.forward(character.tree, moved[frames]), body, local)
-        depth = np.zeros(where.shape[:2])
-        for one in np.unique(body):
-            mine = body == one
-            depth[:, mine] = np.maximum(floor - where[:, mine, 2], 0.0).max(axis=1, keepdims=True)
-        low = depth.max(axis=1, initial=0.0) > FLOOR_SLACK
+        depth = _depth(character, moved[frames], body, local)
+        low = (depth > slack).any(axis=1)
         frames = frames[low]
         if not len(frames):
             break
-        target, depth = where[low], depth[low]
+        depth = np.where(depth[low] > slack, depth[low] - slack, np.nan)
+        target = kinematics.points(kinematics.forward(character.tree, moved[frames]), body, local)
         target[..., 2] += depth
-        target[depth == 0.0] = np.nan
-        lift = PointTargets(body, local, target, settings.clearance_weight)
+        lift = PointTargets(body, local, target, share)
         moved[frames] = _followed(
             character, moved[frames], feet, settings, frames=frames, lifted=lift
         )
     return moved
+
+
+def _depth(character: Character, qpos: Floats, body: Ints, local: Floats) -> Floats:
+    """(T, K) for each point how deep the lowest point of its body is below the floor, m."""
+    where = kinematics.points(kinematics.forward(character.tree, qpos), body, local)
+    depth = np.zeros(where.shape[:2])
+    for one in np.unique(body):
+        mine = body == one
+        below = character.floor_height - where[:, mine, 2].min(axis=1, keepdims=True)
+        depth[:, mine] = np.maximum(below, 0.0)
+    return depth
 
 
 def _measured(

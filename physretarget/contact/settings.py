@@ -37,7 +37,7 @@ class ContactSettings:
     settle: time over which a body's tilt changes when other points become planted, s.
     stance_weight: weight of planted points against 1 for each virtual marker;
         flight_weight: of the same points in flight, fading over ``fade`` s from the stance.
-    clearance_weight: of points of other bodies that would be below the floor.
+    clearance_weight: of a body that would be below the floor, over all its points.
     joint_weight: of a joint's change, per rad² and height².
     """
 
@@ -58,7 +58,7 @@ class ContactSettings:
     stance_weight: float = 1e4
     flight_weight: float = 1e2
     fade: float = 0.15
-    clearance_weight: float = 100.0
+    clearance_weight: float = 1000.0
     joint_weight: float = 0.05
     blend: Blend = "ballistic"
     gravity: float = 9.81

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -7,6 +8,7 @@ from hypothesis import strategies as st
 
 from physretarget import kinematics
 from physretarget.contact import Contacted, ContactSettings, Phases, adjust
+from physretarget.contact.clearance import surface_points
 from physretarget.errors import InputError
 from physretarget.mjcf import Character
 
@@ -234,3 +236,40 @@ def test_any_timetable_plants_what_it_says(box, active, speed, wobble):
         assert contact_points(box, result.qpos)[..., 2].min() > -1e-3
         speed_limit = ContactSettings().max_speed * np.sqrt(9.81 * box.height)
         assert_smooth(result, 2.0 * speed_limit)
+
+
+def lowest(character: Character, qpos: np.ndarray) -> float:
+    """Lowest point of the geometry of arm and head over a clip, by MuJoCo's contacts."""
+    data = mujoco.MjData(character.model)
+    deepest = 0.0
+    for pose in qpos:
+        data.qpos[:] = pose
+        mujoco.mj_forward(character.model, data)
+        for contact in data.contact[: data.ncon]:
+            bodies = character.model.geom_bodyid[[contact.geom1, contact.geom2]]
+            if bodies.min() == 0 and bodies.max() > character.root_body:
+                deepest = min(deepest, float(contact.dist))
+    return deepest
+
+
+def test_what_the_base_carries_stays_above_the_floor(box):
+    time, qpos = placed(box, 60, speed=0.0)
+    qpos[:, 2] += 0.3
+    qpos[:, 7] = 1.2 + 0.35 * np.sin(4 * time)
+    qpos[:, 8] = 0.8 + 0.2 * np.cos(5 * time)
+    active = np.ones((60, 4), dtype=bool)
+    sunk = qpos.copy()
+    sunk[:, 2] -= 0.3
+    assert lowest(box, sunk) < -0.05
+    result = adjust(box, qpos, time, Phases(NAMES, active, time))
+    assert lowest(box, result.qpos) > -0.005
+    assert_planted(box, result)
+    assert np.abs(np.diff(result.qpos[:, 7:], axis=0)).max() * FPS < 6.0
+
+
+def test_points_that_span_a_body(box):
+    bodies, local = surface_points(box, np.array([2, 3]))
+    assert set(bodies) == {2, 3}
+    arm = local[bodies == 2]
+    np.testing.assert_allclose(arm.min(axis=0), [-0.02, -0.02, -0.02], atol=2e-3)
+    np.testing.assert_allclose(arm.max(axis=0), [0.02, 0.02, 0.22], atol=2e-3)
