@@ -78,7 +78,8 @@ def render_html(
     charts = _series_charts(getattr(report, "series", {}), clip.frames)
     first = [chart for chart in charts if chart.id == "series-force"]
     rest = [chart for chart in charts if chart.id != "series-force"]
-    wide = [*first, *_finding_plots(marks), *_contact_plots(character, active)]
+    wide: list[Chart | Lanes] = [*first]
+    wide += [*_finding_plots(marks), *_contact_plots(character, active)]
     return _page(
         "validation.html.j2",
         scene,
