@@ -48,6 +48,8 @@ _LIMBS = {
     },
 }
 
+_MARKED = {"chest": ("chest",), "head": ("head",), **_LIMBS}
+
 
 @dataclass(frozen=True, kw_only=True)
 class MarkerSettings:
@@ -135,6 +137,9 @@ def _worn(
     if unknown:
         listed = ", ".join(unknown[:20]) + (" …" if len(unknown) > 20 else "")
         notes.append(f"{len(unknown)} labels are not known and were left out: {listed}")
+    bare = [limb for limb, parts in _MARKED.items() if not set(parts) & set(on)]
+    if bare:
+        notes.append(f"no markers on {', '.join(bare)}: held at rest")
     spread = np.array([mark.spread for mark in known])
     weight = np.where(spread >= CLUSTER, 0.5, np.where(spread >= SKIN, 0.7, 1.0))
     model = MarkerModel(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -68,10 +69,12 @@ def acted(shape: ActorShape, frames: int = 180) -> np.ndarray:
     return integrate(tree, np.tile(tree.neutral(), (frames, 1)), step)
 
 
-def worn(shape: ActorShape, qpos: np.ndarray, noise: float = 0.001) -> MarkerRecording:
+def worn(
+    shape: ActorShape, qpos: np.ndarray, noise: float = 0.001, labels: Sequence[str] = CMU
+) -> MarkerRecording:
     """What cameras would see of it, each marker a little off its expected seat."""
     rng = np.random.default_rng(0)
-    marks = [mark for mark in recognise(CMU) if mark is not None]
+    marks = [mark for mark in recognise(labels) if mark is not None]
     segment = np.array([mark.segment for mark in marks])
     local = np.array([mark.local for mark in marks]) * shape.height / 1.75
     local += 0.4 * np.array([[mark.spread] for mark in marks]) * rng.uniform(-1, 1, local.shape)
@@ -81,7 +84,7 @@ def worn(shape: ActorShape, qpos: np.ndarray, noise: float = 0.001) -> MarkerRec
         path="acted.c3d", sha256="", format="c3d", unit="m", up="z", fps=FPS, frames=len(qpos)
     )
     return MarkerRecording(
-        source=source, labels=tuple(CMU), time=np.arange(len(qpos)) / FPS, position=at
+        source=source, labels=tuple(labels), time=np.arange(len(qpos)) / FPS, position=at
     )
 
 
@@ -172,8 +175,51 @@ def test_legs_alone_are_enough():
     )
     motion = fit_markers(lower)
     assert motion.valid.all()
+    assert any("no markers on chest, head, left arm, right arm: held" in n for n in motion.notes)
     legs = [i for i, n in enumerate(SEGMENTS) if n.endswith(("thigh", "shank", "foot"))]
     assert joint_error(motion)[legs].max() < 0.04
+
+
+OTHER_SETS = {
+    "Helen Hayes": ["V.Sacral", "Top.Head", "Front.Head", "Rear.Head"] + [
+        f"{s}.{n}" for s in "LR" for n in (
+            "ASIS", "Thigh", "Knee.Lat", "Shank", "Ankle.Lat", "Heel", "Toe.Tip", "Shoulder",
+            "Elbow", "Wrist")],
+    "key points": ["Neck", "midHip", "Nose"] + [
+        s + n for s in "LR" for n in (
+            "Hip", "Knee", "Ankle", "Heel", "BigToe", "SmallToe", "Shoulder", "Elbow", "Wrist")],
+    "Qualisys animation": [
+        "HeadL", "HeadTop", "HeadR", "HeadFront", "Chest", "SpineTop", "BackL", "BackR",
+        "WaistLFront", "WaistRFront", "WaistL", "WaistR"] + [
+        s + n for s in "LR" for n in (
+            "ShoulderTop", "ShoulderBack", "Arm", "ElbowOut", "WristOut", "WristIn", "HandOut",
+            "Thigh", "KneeOut", "Shin", "AnkleOut", "HeelBack", "ForefootOut", "ForefootIn",
+            "ToeTip")],
+    "OpenCap augmented": ["C7_study"] + [
+        f"{s}{n}_study" for s in "Lr" for n in (
+            ".ASIS", ".PSIS", "_knee", "_mknee", "_ankle", "_mankle", "_toe", "_5meta", "_calc",
+            "_shoulder", "_thigh1", "_thigh2", "_sh1", "_sh2", "_sh3", "_lelbow", "_melbow",
+            "_lwrist", "_mwrist")],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", OTHER_SETS)
+def test_other_marker_sets_find_the_actor_too(name):
+    labels = OTHER_SETS[name]
+    motion = fit_markers(worn(TRUTH, QPOS, labels=labels))
+    assert not any("not known" in note for note in motion.notes)
+    assert motion.valid.all()
+    assert joint_error(motion).max() < 0.045
+    assert abs(motion.shape.height / TRUTH.height - 1) < 0.05
+
+
+def test_two_subjects_in_one_file_are_told_apart():
+    other = RECORDING.position[::-1] + np.array([2.0, 0.0, 0.0])
+    labels = tuple(f"a:{n}" for n in CMU) + tuple(f"b:{n}" for n in CMU)
+    both = np.concatenate([RECORDING.position, other], axis=1)
+    motion = fit_markers(replace(RECORDING, labels=labels, position=both))
+    np.testing.assert_allclose(motion.qpos, FITTED.qpos)
+    assert any("2 subjects are in the file: a was taken, b left out" in n for n in motion.notes)
 
 
 def test_mass_told_and_defaulted():
