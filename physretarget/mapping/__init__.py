@@ -29,7 +29,7 @@ __all__ = [
 NAMES = ("sgplvm", "gp", "pca", "nn3", "nn10")
 """The mappers that :func:`fit` knows."""
 
-DEFAULT_ITERATIONS = 300
+DEFAULT_ITERATIONS = 70
 
 
 def fit(

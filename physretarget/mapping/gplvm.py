@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.optimize import minimize
 
+from physretarget.mapping.gp import GaussianProcess, fit_gp
 from physretarget.mapping.kcca import initial_latent
 from physretarget.mapping.kernels import (
     Kernel,
@@ -27,7 +28,7 @@ from physretarget.mapping.protocol import (
     checked_pairs,
 )
 from physretarget.mapping.regression import Posterior, likelihood
-from physretarget.mapping.search import SearchSettings, locate
+from physretarget.mapping.search import Prior, SearchSettings, locate, locate_as_paper
 from physretarget.mapping.threads import one_thread
 
 _SIGNAL, _SHARPNESS, _OFFSET = (1e-2, 1e2), (1e-3, 1e1), (1e-6, 1e1)
@@ -78,7 +79,9 @@ class JointLikelihood:
 class SharedGPLVM:
     """A learned shared GPLVM.
 
-    ``latent`` (N, DX); ``keys_y`` (N, DY) and ``keys_z`` (N, DZ) in normal units.
+    ``latent`` (N, DX); ``keys_y`` (N, DY) and ``keys_z`` (N, DZ) in normal units. ``guide``
+    leads from actor features straight to latent points and keeps the search on one path: the
+    likelihood alone has several optima per frame, and jumps between them.
     """
 
     latent: Array
@@ -88,6 +91,7 @@ class SharedGPLVM:
     space_z: Space
     keys_y: Array
     keys_z: Array
+    guide: GaussianProcess
     search: SearchSettings = field(default_factory=SearchSettings)
     name: str = "sgplvm"
 
@@ -111,9 +115,17 @@ class SharedGPLVM:
 
     @one_thread
     def predict(self, y: Array) -> Mapped:
-        """Map frames y (T, DY) in order of time: search the latent points, then eqs. (3), (4)."""
+        """Map frames y (T, DY): search the latent points (eq. (5)), then eqs. (3) and (4).
+
+        With the guide every frame is searched on its own, so that frames mapped one by one
+        and all at once agree; the paper's search wants them in order of time.
+        """
         frames = self.space_y.normal(checked_frames(y, self.space_y.centre.size))
-        return self.decode(locate(self.actor, self.keys_y, frames, self.search))
+        if self.search.guide == 0:
+            return self.decode(locate_as_paper(self.actor, self.keys_y, frames, self.search))
+        led = self.guide.predict(frames)
+        prior = Prior(led.mean, self.search.guide / np.maximum(led.variance, 1e-12))
+        return self.decode(locate(self.actor, frames, led.mean, prior, self.search))
 
     def decode(self, latent: Array) -> Mapped:
         """Character features at latent points (T, DX)."""
@@ -132,12 +144,16 @@ class SharedGPLVM:
             "scales": np.array([self.space_y.scale, self.space_z.scale]),
             "keys_y": self.keys_y,
             "keys_z": self.keys_z,
+            "guide": np.array(self.search.guide),
+            **{f"guide_{k}": v for k, v in self.guide.to_arrays().items()},
         }
 
     @classmethod
     def from_arrays(cls, arrays: Arrays) -> SharedGPLVM:
         """Rebuild what :meth:`to_arrays` gave."""
-        a = {k: np.asarray(v, dtype=np.float64) for k, v in arrays.items() if k != "mapper"}
+        names = {"mapper", "guide_mapper"}
+        a = {k: np.asarray(v, dtype=np.float64) for k, v in arrays.items() if k not in names}
+        guide = {k[6:]: v for k, v in a.items() if k.startswith("guide_")}
         return cls(
             latent=a["latent"],
             kernel_y=Kernel.from_logs(a["logs_y"]),
@@ -146,16 +162,19 @@ class SharedGPLVM:
             space_z=Space(a["centre_z"], float(a["scales"][1])),
             keys_y=a["keys_y"],
             keys_z=a["keys_z"],
+            guide=GaussianProcess.from_arrays(dict(guide)),
+            search=SearchSettings(guide=float(a["guide"])),
         )
 
 
 @one_thread
 def fit_gplvm(
-    y: Array, z: Array, *, dims: int = 30, iterations: int = 300, seed: int = 0
+    y: Array, z: Array, *, dims: int = 30, iterations: int = 70, seed: int = 0
 ) -> SharedGPLVM:
     """Learn from key poses y (N, DY) and z (N, DZ).
 
-    ``dims`` latent dimensions (30 in the paper); ``iterations`` of L-BFGS (70 in the paper).
+    ``dims`` latent dimensions and ``iterations`` of L-BFGS as in the paper. Stopping there
+    matters: run to convergence, the latent points overfit, and unseen poses get worse.
     """
     y, z = checked_pairs(y, z)
     space_y, space_z = Space.of(y), Space.of(z)
@@ -174,12 +193,14 @@ def fit_gplvm(
         bounds=box,
         options={"maxiter": iterations, "maxfun": 2 * iterations, "maxcor": 20, "ftol": 1e-7},
     )
+    latent = found.x[8:].reshape(start.shape)
     return SharedGPLVM(
-        latent=found.x[8:].reshape(start.shape),
+        latent=latent,
         kernel_y=Kernel.from_logs(found.x[:4]),
         kernel_z=Kernel.from_logs(found.x[4:8]),
         space_y=space_y,
         space_z=space_z,
         keys_y=keys_y,
         keys_z=keys_z,
+        guide=fit_gp(keys_y, latent),
     )

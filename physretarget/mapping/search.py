@@ -18,24 +18,39 @@ Array = NDArray[np.float64]
 class SearchSettings:
     """How latent points are searched.
 
+    ``guide``: weight of the guide, a Gaussian process from actor features straight to latent
+    points: it gives every frame its start and a normal prior, as wide as the guide is unsure,
+    divided by this weight. Zero means the paper's search instead: from the nearest key pose,
+    by likelihood and the unit prior ½|x|², with the previous frame's solution as second start.
     ``iterations`` of L-BFGS per start; ``decrease``: gain per iteration, in log-likelihood per
     feature, at which a frame rests; ``sweeps``: how often the previous frame's solution is
-    offered as another start; ``leap``: step from frame to frame above which it is offered, as
-    a share of the mean distance between neighbouring key poses in the latent space;
-    ``prior``: weight of the latent prior ½|x|² (1: maximum a posteriori, 0: the paper's maximum
-    likelihood, which may drift to infinity on a frame unlike all key poses).
+    offered; ``leap``: step from frame to frame above which it is offered, as a share of the
+    mean distance between neighbouring key poses. The last two matter without a guide only.
     """
 
+    guide: float = 5.0
     iterations: int = 60
     decrease: float = 1e-6
     sweeps: int = 6
     leap: float = 0.1
-    prior: float = 1.0
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Normal priors of latent points: mean (T, DX) and precision (T,)."""
+
+    mean: Array
+    precision: Array
+
+    @classmethod
+    def unit(cls, frames: int, dims: int) -> Prior:
+        """The prior of learning, ½|x|²."""
+        return cls(np.zeros((frames, dims)), np.ones(frames))
 
 
 @dataclass(frozen=True)
 class Likelihood:
-    """Negative log-likelihood per feature of frames y (T, D), as a function of latent points.
+    """Negative log-posterior per feature of frames y (T, D), as a function of latent points.
 
     A prediction never leaves the span of the key poses, at most N directions: only the frames'
     coordinates in it matter, ``within`` (T, r); what lies outside adds the constant ``outside``
@@ -44,13 +59,13 @@ class Likelihood:
 
     posterior: Posterior
     width: int
-    prior: float
+    prior: Prior
     weights: Array
     within: Array
     outside: Array
 
     @classmethod
-    def of(cls, posterior: Posterior, y: Array, prior: float) -> Likelihood:
+    def of(cls, posterior: Posterior, y: Array, prior: Prior) -> Likelihood:
         """For normal frames y (T, D)."""
         basis, upper = np.linalg.qr(posterior.weights.T)
         within = y @ basis
@@ -72,19 +87,29 @@ class Likelihood:
         by_k = (miss @ self.weights.T) / variance[:, None] - 2.0 * by_variance[:, None] * solved
         pull = kernel.sharpness * by_k * bump
         gradient = pull @ inputs - pull.sum(axis=1)[:, None] * x
-        value += 0.5 * self.prior * np.einsum("td,td->t", x, x)
-        gradient += self.prior * x
+        away, precision = x - self.prior.mean[rows], self.prior.precision[rows]
+        value += 0.5 * precision * np.einsum("td,td->t", away, away)
+        gradient += precision[:, None] * away
         return value / self.width, gradient / self.width
 
 
-def locate(posterior: Posterior, keys: Array, y: Array, settings: SearchSettings) -> Array:
+def locate(
+    posterior: Posterior, y: Array, start: Array, prior: Prior, settings: SearchSettings
+) -> Array:
+    """Latent points (T, DX) of normal frames y (T, D), each searched from its ``start``."""
+    likelihood = Likelihood.of(posterior, y, prior)
+    return _descend(likelihood, start, np.arange(y.shape[0]), settings)[0]
+
+
+def locate_as_paper(posterior: Posterior, keys: Array, y: Array, settings: SearchSettings) -> Array:
     """Latent points (T, DX) of normal frames y (T, D), in order of time.
 
     ``keys`` (N, D) are the normal key poses. Every frame starts from its nearest key pose. Where
     that leaps from the previous frame, the previous frame's solution is tried as a start and the
     better one kept, until no frame changes any more.
     """
-    likelihood = Likelihood.of(posterior, y, settings.prior)
+    prior = Prior.unit(y.shape[0], posterior.inputs.shape[1])
+    likelihood = Likelihood.of(posterior, y, prior)
     nearest = squared_distances(y, keys).argmin(axis=1)
     x, value = _descend(likelihood, posterior.inputs[nearest], np.arange(y.shape[0]), settings)
     leap = settings.leap * neighbour_distance(posterior.inputs)
