@@ -19,6 +19,7 @@ from physretarget.kinematics import PointTargets
 from physretarget.mjcf import Character
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,11 +29,20 @@ class IkSettings:
     iterations: the most Levenberg–Marquardt steps per frame. tolerance: a frame is done when
     its step is below this (rad or m). prior: how much a joint that no marker determines is
     held to the start pose, in m² per rad² of the sum of squared marker distances.
+
+    Features far from every key pose belong to no pose; the best fit then leaps between far
+    apart ones. Around frames that leap by more than ``leap`` rad (or m) and miss their markers
+    by more than ``doubt`` of the height, poses are chosen that follow each other:
+    ``steadiness`` is what a step between frames costs, per rad², in mean squared marker
+    distance over the height squared. Zero switches that off.
     """
 
     iterations: int = 25
     tolerance: float = 1e-4
     prior: float = 1e-6
+    leap: float = 0.3
+    doubt: float = 0.02
+    steadiness: float = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,21 +90,111 @@ def solve(
         # In the local frame the root stands over the origin (its height and tilt are free).
         begin[:, character.root_qpos : character.root_qpos + 2] = 0.0
         locked[character.root_dof : character.root_dof + 2] = True
-    markers = PointTargets(character.markers.body, character.markers.local, target)
-    found = kinematics.solve(
-        character.tree,
-        begin,
-        [markers],
-        lower=character.lower,
-        upper=character.upper,
-        locked=locked,
-        prior_weight=settings.prior,
-        iterations=settings.iterations,
-        tolerance=settings.tolerance,
-    )
-    qpos = facing_forward(character, found.qpos)
-    rms = np.sqrt(np.mean(found.residual**2, axis=1))
-    return IkResult(continuous_qpos(character, qpos), rms)
+    problem = _Problem(character, target, locked, settings)
+    qpos, rms = problem.solved(begin, np.arange(len(begin)))
+    if settings.steadiness > 0.0:
+        qpos, rms = _steadied(problem, qpos, rms)
+    return IkResult(continuous_qpos(character, facing_forward(character, qpos)), rms)
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """A clip's marker targets (T, K, 3) and what must not move (nv,)."""
+
+    character: Character
+    target: Floats
+    locked: NDArray[np.bool_]
+    settings: IkSettings
+
+    def solved(
+        self,
+        start: Floats,
+        frames: Ints,
+        *,
+        prior: Floats | None = None,
+        weight: float = 0.0,
+        iterations: int | None = None,
+    ) -> tuple[Floats, Floats]:
+        """Poses (n, nq) of some frames and their residual (n,), held to ``prior`` by ``weight``."""
+        character = self.character
+        markers = character.markers
+        found = kinematics.solve(
+            character.tree,
+            start,
+            [PointTargets(markers.body, markers.local, self.target[frames])],
+            lower=character.lower,
+            upper=character.upper,
+            locked=self.locked,
+            prior=prior,
+            prior_weight=self.settings.prior + weight,
+            iterations=iterations or self.settings.iterations,
+            tolerance=self.settings.tolerance,
+        )
+        return found.qpos, np.sqrt(np.mean(found.residual**2, axis=1))
+
+
+NEIGHBOURS = (-4, -1, 1, 4)
+"""Frames whose poses are tried as starts where the clip leaps."""
+SURROUNDINGS = 5
+"""Frames to each side of a leap that are reconsidered."""
+
+
+def _steadied(problem: _Problem, qpos: Floats, rms: Floats) -> tuple[Floats, Floats]:
+    """Poses that follow each other where the best fits leap, and their residuals.
+
+    Every doubtful frame gets candidates, solved from its neighbours' poses; the path through
+    them with the least cost is found by dynamic programming and then smoothed.
+    """
+    character, settings = problem.character, problem.settings
+    leap = np.abs(kinematics.difference(character.tree, qpos[:-1], qpos[1:])).max(axis=1)
+    doubtful = rms > settings.doubt * character.height
+    leaps = np.flatnonzero((leap > settings.leap) & (doubtful[:-1] | doubtful[1:]))
+    if not len(leaps):
+        return qpos, rms
+    near = leaps[:, None] + np.arange(-SURROUNDINGS, SURROUNDINGS + 2)
+    frames = np.unique(np.clip(near, 0, len(qpos) - 1))
+    tried = [(qpos[frames], rms[frames])]
+    for offset in NEIGHBOURS:
+        start = qpos[np.clip(frames + offset, 0, len(qpos) - 1)]
+        tried.append(problem.solved(start, frames, iterations=8))
+    choices = np.stack([t[0] for t in tried], axis=1)  # (n, candidates, nq)
+    misses = np.stack([t[1] for t in tried], axis=1)
+    price = settings.steadiness * character.height**2
+    best = _cheapest_path(character, frames, choices, misses, price)
+    qpos, rms = qpos.copy(), rms.copy()
+    each = np.arange(len(frames))
+    qpos[frames], rms[frames] = choices[each, best], misses[each, best]
+    inner = frames[(frames > 0) & (frames < len(qpos) - 1)]
+    for _ in range(4):
+        before, after = qpos[inner - 1], qpos[inner + 1]
+        half = 0.5 * kinematics.difference(character.tree, before, after)
+        between = kinematics.integrate(character.tree, before, half)
+        weight = 2.0 * price * problem.target.shape[1]  # the solver's cost sums over markers
+        qpos[inner], rms[inner] = problem.solved(qpos[inner], inner, prior=between, weight=weight)
+    return qpos, rms
+
+
+def _cheapest_path(
+    character: Character, frames: Ints, choices: Floats, misses: Floats, price: float
+) -> Ints:
+    """Which candidate (n,) to take in each of n frames; ``choices`` (n, m, nq)."""
+    size, count = choices.shape[:2]
+    before = np.repeat(choices[:-1], count, axis=1).reshape(-1, choices.shape[2])
+    after = np.tile(choices[1:], (1, count, 1)).reshape(-1, choices.shape[2])
+    step = kinematics.difference(character.tree, before, after)
+    cost = price * np.sum(step * step, axis=1).reshape(size - 1, count, count)
+    cost[np.diff(frames) != 1] = 0.0  # another stretch begins
+    total = misses[0] ** 2
+    came_from = np.zeros((size, count), dtype=np.int64)
+    for t in range(1, size):
+        way = total[:, None] + cost[t - 1]
+        came_from[t] = np.argmin(way, axis=0)
+        total = way.min(axis=0) + misses[t] ** 2
+    path = np.zeros(len(frames), dtype=np.int64)
+    path[-1] = np.argmin(total)
+    for t in range(len(frames) - 1, 0, -1):
+        path[t - 1] = came_from[t, path[t]]
+    return path
 
 
 def _targets(character: Character, features: Floats) -> Floats:

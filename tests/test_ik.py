@@ -100,3 +100,24 @@ def test_the_lamp_is_solved_too():
     wanted = motion(lamp, 60)
     found = ik.solve(lamp, features(lamp, wanted))
     assert found.residual_rms.max() < 0.002 * lamp.height
+
+
+def test_features_of_no_pose_do_not_make_the_pose_leap():
+    """Markers of a lamp turned inside out by degrees: no pose has them, the answer is smooth."""
+    lamp = Character.load(Path(__file__).parents[1] / "models" / "lamp.xml")
+    asked = features(lamp, motion(lamp, 120)).reshape(120, -1, 3)
+    share = 0.5 - 0.5 * np.cos(np.linspace(0, 2 * np.pi, 120))[:, None]
+    asked[..., 2] += share * (0.3 - 2 * asked[..., 2])
+    asked = asked.reshape(120, -1)
+
+    def answer(steadiness: float) -> tuple[float, float]:
+        settings = ik.IkSettings(steadiness=steadiness)
+        found = ik.solve(lamp, asked, settings=settings)
+        step = kinematics.difference(lamp.tree, found.qpos[:-1], found.qpos[1:])
+        return float(np.abs(step).max()), float(np.sqrt(np.mean(found.residual_rms**2)))
+
+    loose, best = answer(0.0)
+    steady, rms = answer(ik.IkSettings().steadiness)
+    assert loose > 0.5, "the case is worth testing"
+    assert steady < 0.6 * loose
+    assert rms < 1.2 * best
