@@ -10,6 +10,6 @@ from __future__ import annotations
 from physretarget.clip.arrays import Members
 from physretarget.clip.core import Clip
 from physretarget.clip.load import CLIP_SUFFIXES, load_clip
-from physretarget.clip.npz import npz_bytes, write_file
+from physretarget.files import npz_bytes, write_file
 
 __all__ = ["CLIP_SUFFIXES", "Clip", "Members", "load_clip", "npz_bytes", "write_file"]

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from physretarget.clip.npz import npz_bytes, write_file
+from physretarget.files import npz_bytes, write_file
 from physretarget.errors import InputError
 
 Floats = NDArray[np.float64]
