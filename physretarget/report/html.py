@@ -321,11 +321,11 @@ def _displacement_plots(data: RetargetReport) -> list[Chart]:
 def _variance_plots(data: RetargetReport) -> list[Chart]:
     if data.pose_variance is None:
         return []
-    line = Series("variance", data.pose_variance, "violet", fill=True)
+    line = Series("uncertainty", data.pose_variance, "violet", fill=True)
     return [
         Chart(
             id="variance",
-            title="Variance of the mapped pose",
+            title="Uncertainty of the mapped pose",
             unit="",
             series=(line,),
             note="high where no key pose is near: pose a frame there next",

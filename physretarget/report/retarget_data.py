@@ -90,6 +90,7 @@ class RetargetReport:
     ``time`` (T,) s is the clock of all tracks. ``stages`` in order, the last one is the clip.
     ``contact_active`` (T, K) belongs to the character's contact points, ``actor_contact_active``
     to the actor's. ``report`` is a validation report (or its JSON form) on the last stage.
+    ``pose_variance`` (T,) is the mapper's uncertainty, variance or standard deviation.
     ``sections`` of plain name → value pairs: inputs with hashes, versions, parameters, timings.
     """
 

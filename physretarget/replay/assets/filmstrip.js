@@ -66,10 +66,11 @@
       stage.solo(row.figure);
       const at = figure.comAt(time, figure.smooth), s = figure.height;
       stage.world.around(at.x, at.y, s);
-      camera.position.set(at.x + 1.95 * s, at.y - 1.45 * s, 1.05 * s);
+      const up = rise(figure, time), back = s + 0.7 * Math.max(up, 0);
+      camera.position.set(at.x + 1.95 * back, at.y - 1.45 * back, 1.05 * back);
       camera.near = 0.02 * s; camera.far = 100 * s;
       camera.aspect = size.width / size.height;
-      camera.lookAt(at.x, at.y, 0.49 * s + 0.5 * rise(figure, time));
+      camera.lookAt(at.x, at.y, 0.49 * s + 0.6 * up);
       camera.updateProjectionMatrix();
       renderer.render(stage.world.scene, camera);
       const pen = canvas.getContext("2d");

@@ -402,9 +402,13 @@
       const key = now.map((m) => m.code + m.first).join();
       if (key === this.alertKey) return;
       this.alertKey = key;
-      const shown = now.slice(0, 3).map((m) =>
-        el("div", { class: `pr-alert pr-${m.severity}` }, el("b", {}, m.code), " ", m.message));
-      if (now.length > 3) shown.push(el("div", { class: "pr-alert" }, `and ${now.length - 3} more`));
+      // The gravest with its words, the others as codes: the picture must stay visible.
+      const order = { error: 0, warning: 1, info: 2 };
+      now.sort((m, n) => order[m.severity] - order[n.severity] || m.last - m.first - n.last + n.first);
+      const shown = now.slice(0, 5).map((m, i) => el("div", {
+        class: `pr-alert pr-${m.severity}`, title: `${m.code} ${m.message}` },
+        el("b", {}, m.code), i === 0 ? ` ${m.message}` : ""));
+      if (now.length > 5) shown.push(el("div", { class: "pr-alert" }, `+${now.length - 5}`));
       this.alerts.replaceChildren(...shown);
     }
 

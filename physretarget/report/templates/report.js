@@ -74,7 +74,18 @@
       hooks: { ready: [clickable], setScale: [(u, key) => key === "x" && zoomAll(u)] },
     };
   }
-  const short = (v) => v == null ? "–" : Math.abs(v) >= 100 ? v.toFixed(0) : v.toFixed(Math.abs(v) < 1 ? 3 : 2);
+  const short = (v) => {
+    if (v == null) return "–";
+    const size = Math.abs(v);
+    return size >= 100 ? v.toFixed(0) : size >= 1 ? v.toFixed(2) : size >= 0.01 || v === 0 ? v.toFixed(3)
+      : v.toPrecision(2);
+  };
+  /** Tick labels with as many decimals as their step needs. */
+  const ticks = (u, splits) => {
+    const step = Math.abs(splits[1] - splits[0]) || 1;
+    const decimals = Math.min(Math.max(0, -Math.floor(Math.log10(step) + 1e-9)), 8);
+    return splits.map((v) => (step * 10 ** decimals % 1 > 1e-6 ? v.toFixed(decimals + 1) : v.toFixed(decimals)));
+  };
 
   function levelsOf(chart) {
     return (u) => {
@@ -112,7 +123,7 @@
     if (chart.range) options.scales.y = { range: chart.range };
     options.axes = [
       seconds(),
-      axis({ size: 54, label: chart.unit, labelSize: 20, labelFont: "12px system-ui, sans-serif" }),
+      axis({ size: 58, values: ticks, label: chart.unit, labelSize: 20, labelFont: "12px system-ui, sans-serif" }),
     ];
     options.series = [{ label: "time", value: (u, v) => v == null ? "–" : `${v.toFixed(2)} s` },
       ...chart.series.map((s) => ({
