@@ -116,6 +116,9 @@ def adjust(
     if _off_track(character, moved, feet) > 1e-5:
         moved = _followed(character, moved, feet, settings)
     moved = _above_floor(character, moved, feet, settings)
+    tracks = [foot.track for foot in feet]
+    if settings.blend == "ballistic":
+        moved = _thrown(character, moved, time, _grounded(character, phases, tracks), settings)
     moved = continuous_qpos(character, moved)
     for foot in feet:
         target[:, foot.sole.points] = foot.track.target
@@ -166,11 +169,7 @@ def _feet(
         floor = character.floor_height
         track = stand(sole, motion, footings, active, time, floor, settings)
         found.append((sole, motion, active, footings, track))
-    # Hands or back that the character has no counterpart of bear the actor as well.
-    others = [name not in character.tied for name in phases.names]
-    grounded = any_point(phases.active[:, others])
-    for *_, track in found:
-        grounded |= track.standing
+    grounded = _grounded(character, phases, [track for *_, track in found])
     return [
         _Foot(
             sole,
@@ -336,6 +335,46 @@ def _depth(character: Character, qpos: Floats, body: Ints, local: Floats) -> Flo
         below = character.floor_height - where[:, mine, 2].min(axis=1, keepdims=True)
         depth[:, mine] = np.maximum(below, 0.0)
     return depth
+
+
+def _grounded(character: Character, phases: Phases, tracks: list[Track]) -> Bools:
+    """(T,) whether anything bears the character, or the actor.
+
+    Hands or back that the character has no counterpart of bear the actor as well.
+    """
+    others = [name not in character.tied for name in phases.names]
+    grounded = any_point(phases.active[:, others])
+    for track in tracks:
+        grounded |= track.standing
+    return grounded
+
+
+def _thrown(
+    character: Character, qpos: Floats, time: Floats, grounded: Bools, settings: ContactSettings
+) -> Floats:
+    """Flights in which the centre of mass moves straight on, as seen from above.
+
+    Whatever the limbs do in the air, only the floor could push the whole sideways. The root
+    is shifted; where a flight begins and ends nothing changes.
+    """
+    if not character.has_root:
+        return qpos
+    moved, at = qpos.copy(), character.root_qpos
+    mass = np.array(character.model.body_mass)[character.bodies]
+    local = np.array(character.model.body_ipos)[character.bodies]
+    for first, last in runs(~grounded):
+        before, after = first - 1, last + 1
+        if before < 0 or after >= len(qpos):
+            continue
+        if time[after] - time[before] > settings.longest_flight:
+            continue
+        pose = kinematics.forward(character.tree, qpos[before : after + 1])
+        centres = kinematics.points(pose, character.bodies, local)[..., :2]
+        centre = np.einsum("b,tbc->tc", mass / mass.sum(), centres)
+        share = (time[before : after + 1] - time[before]) / (time[after] - time[before])
+        straight = centre[0] + share[:, None] * (centre[-1] - centre[0])
+        moved[before : after + 1, at : at + 2] += straight - centre
+    return moved
 
 
 def _measured(

@@ -273,3 +273,22 @@ def test_points_that_span_a_body(box):
     arm = local[bodies == 2]
     np.testing.assert_allclose(arm.min(axis=0), [-0.02, -0.02, -0.02], atol=2e-3)
     np.testing.assert_allclose(arm.max(axis=0), [0.02, 0.02, 0.22], atol=2e-3)
+
+
+def test_nothing_pushes_a_flying_body_sideways(box):
+    time, qpos = placed(box, 90, speed=0.6)
+    qpos[:, 7] = 0.6 * np.sin(8 * time)
+    qpos[:, 3:7] = kinematics.rotvec_to_quat(np.outer(3.0 * time, [0.0, 0.0, 1.0]))
+    active = np.ones((90, 4), dtype=bool)
+    active[40:60] = False
+    result = adjust(box, qpos, time, Phases(NAMES, active, time))
+    assert_planted(box, result)
+    data = mujoco.MjData(box.model)
+    centre = []
+    for pose in result.qpos:
+        data.qpos[:] = pose
+        mujoco.mj_kinematics(box.model, data)
+        mujoco.mj_comPos(box.model, data)
+        centre.append(data.subtree_com[box.root_body, :2].copy())
+    acceleration = np.diff(np.array(centre), 2, axis=0)[40:58] * FPS**2
+    assert np.abs(acceleration).max() < 1e-6
