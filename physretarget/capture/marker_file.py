@@ -39,7 +39,7 @@ class RawMarkers:
     """Markers in their file's unit and axes: ``position`` (T, M, 3), NaN in gaps.
 
     ``unit`` and ``up`` are what the file says, None where it is silent; ``usual_up`` is the
-    custom of the format.
+    custom of the format. ``start`` is the file's own time of the first frame, s.
     """
 
     path: str | Path
@@ -52,6 +52,7 @@ class RawMarkers:
     up: str | None
     usual_up: str
     notes: tuple[str, ...] = ()
+    start: float = 0.0
 
 
 def read_bytes(path: str | Path) -> bytes:
@@ -99,6 +100,7 @@ def finish(
             up=axis,
             fps=raw.fps,
             frames=len(position),
+            start=raw.start,
         ),
         labels=raw.labels,
         time=np.arange(len(position)) / raw.fps,

@@ -27,6 +27,7 @@ class Source:
     up: str  # the file's up axis: "x", "y", "z", or with a minus sign
     fps: float  # the file's own frame rate
     frames: int  # frames in the file
+    start: float = 0.0  # s, the file's own time of its first frame, where it has one
 
     @property
     def name(self) -> str:

@@ -58,6 +58,7 @@ def read_trc(
         up=None,
         usual_up="y",
         notes=tuple(notes),
+        start=float(time[0]),
     )
     return finish(raw, unit=unit, up=up)
 

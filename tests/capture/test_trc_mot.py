@@ -46,6 +46,15 @@ def test_reads_metres_and_turns_y_up(tmp_path: Path):
     np.testing.assert_allclose(np.linalg.norm(moved, axis=1), 0.01, atol=1e-6)
 
 
+def test_the_files_own_first_time_is_kept(tmp_path: Path):
+    # A recording's time starts at 0; forces in another file are found by the file's own time.
+    kept = text(frames=8, promised=3).split("\n")
+    del kept[6:11]
+    recording = read_trc(write(tmp_path, "\n".join(kept)))
+    assert recording.time[0] == 0
+    assert recording.source.start == pytest.approx(0.05)
+
+
 @pytest.mark.parametrize(("unit", "scale"), [("mm", 1000), ("cm", 100), ("m", 1)])
 def test_units(tmp_path: Path, unit: str, scale: float):
     recording = read_trc(write(tmp_path, text(unit=unit, scale=scale)))
