@@ -145,17 +145,19 @@
       });
       places.forEach((p) => at.add(p));
       at.multiplyScalar(1 / places.length);
-      for (const p of places) reach = Math.max(reach, 0.62 * height + Math.hypot(p.x - at.x, p.y - at.y));
+      for (const p of places) reach = Math.max(reach, 0.5 * height + 0.85 * Math.hypot(p.x - at.x, p.y - at.y));
       if (!this.shows.follow) reach = Math.max(reach, ...shown.map((f) => 0.6 * f.extent()));
-      return { x: at.x, y: at.y, size: reach };
+      // A wide group is looked at lower than a tall figure of that size would be.
+      const low = 0.6 * (reach - height) + (places.length > 1 && spread ? 0.16 * height : 0);
+      return { x: at.x, y: at.y, z: -low, size: reach };
     }
     viewFrom(subject, aspect) {
       const lens = this.lens, wide = aspect < 0.8 ? 0.8 / aspect : 1;
       lens.position.copy(this.orbit.position).sub(this.controls.target).multiplyScalar(wide)
         .add(this.controls.target).multiplyScalar(subject.size);
-      lens.position.x += subject.x; lens.position.y += subject.y;
+      lens.position.add(subject);
       const target = this.controls.target.clone().multiplyScalar(subject.size);
-      target.x += subject.x; target.y += subject.y;
+      target.add(subject);
       lens.near = 0.02 * subject.size; lens.far = 120 * subject.size;
       lens.aspect = aspect;
       lens.lookAt(target);
@@ -212,7 +214,7 @@
       this.stage.figures.forEach((figure, i) => {
         const p = figure.comAt(this.time);
         if (spread) p.add(figure.offset);
-        p.z += 0.68 * figure.height;
+        p.z += 0.58 * figure.height;
         p.project(this.lens);
         const tag = this.tags[i];
         tag.classList.add("pr-over");
