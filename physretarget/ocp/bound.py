@@ -27,6 +27,10 @@ RISE = 0.003
 to those of the solution that is judged, so that it always counts among the possible ones."""
 
 
+WINDOW = 600
+"""Frames per programme of the bound."""
+
+
 @dataclass(frozen=True)
 class Convex:
     """Weights (n,) of the bumps and the floor's force (T, 3), N."""
@@ -44,22 +48,43 @@ def vertical_bound(
 
     The floor may push with any force in ``touching`` frames (T,) and not at all in others; it
     never pulls. The displacement stays within ``limit`` (m), or that of the judged
-    ``displacement`` (T,) where larger.
+    ``displacement`` (T,) where larger. Long clips are cut into windows that need not agree where
+    they meet: less is asked, so that the sum is still a bound. NaN if the solver gives up.
     """
-    frames = scene.frames
-    gain = sparse_of(basis, basis.curvature) * (scene.mass / scene.weight)
-    value = sparse_of(basis, basis.value)
-    required = scene.force[:, 2] / scene.weight
     limit = max(limit, float(np.abs(displacement).max()))
     lowest = scene.height.min(axis=1)
     there = lowest + displacement
     low = np.minimum(-SINK * scene.size, there) - lowest
     high = np.maximum(RISE * scene.size, there) - lowest
-    low = np.where(touching, np.maximum(low, -limit), -limit)
-    high = np.where(touching, np.minimum(high, limit), limit)
+    low = np.where(touching, np.maximum(low, -limit), -limit) / scene.size
+    high = np.where(touching, np.minimum(high, limit), limit) / scene.size
+    required = scene.force[:, 2] / scene.weight
+    gain = sparse_of(basis, basis.curvature) * (scene.mass * scene.size / scene.weight)
+    value = sparse_of(basis, basis.value)
+    total = 0.0
+    for start in range(0, scene.frames, WINDOW):
+        rows = slice(start, start + WINDOW)
+        columns = slice(int(basis.first[rows].min()), int(basis.first[rows].max()) + basis.width)
+        part = (gain[rows, columns], value[rows, columns], required[rows])
+        try:
+            total += _window_bound(*part, touching[rows], low[rows], high[rows])
+        except SolverError:
+            return float("nan")
+    return float(np.sqrt(total / scene.frames) * scene.weight)
+
+
+def _window_bound(
+    gain: sparse.csr_array,
+    value: sparse.csr_array,
+    required: Array,
+    touching: Flags,
+    low: Array,
+    high: Array,
+) -> float:
+    """Least sum of squared defects, in body weights and heights."""
+    frames, count = gain.shape
     # unknowns (w, r): r = required in flight, r <= required where the floor may push
-    defect = -sparse.eye_array(frames, format="csr")
-    balance = sparse.hstack([-gain, -defect], format="csr")
+    balance = sparse.hstack([-gain, sparse.eye_array(frames)], format="csr")
     inside = sparse.hstack([value, sparse.csr_array((frames, frames))], format="csr")
     order = np.concatenate([np.flatnonzero(~touching), np.flatnonzero(touching)])
     matrix = sparse.vstack([balance[order], inside, -inside], format="csc")
@@ -69,11 +94,10 @@ def vertical_bound(
         clarabel.NonnegativeConeT(int(touching.sum()) + 2 * frames),
     ]
     quadratic = sparse.diags_array(
-        np.concatenate([np.full(basis.count, 1e-9), np.ones(frames)]), format="csc"
+        np.concatenate([np.full(count, 1e-9), np.ones(frames)]), format="csc"
     )
     x, _, _ = _solve(quadratic, np.zeros(matrix.shape[1]), matrix, bound, cones)
-    defects = x[basis.count :]
-    return float(np.sqrt(np.mean(defects**2)) * scene.weight)
+    return float(np.sum(x[count:] ** 2))
 
 
 def cone_programme(scene: Scene, basis: Basis, settings: RootHeightSettings) -> Convex:

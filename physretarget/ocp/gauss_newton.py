@@ -81,17 +81,17 @@ def solve(
             damped = matrix.copy()
             damped[-1] *= 1.0 + damping
             trial = weights - solveh_banded(damped, rhs, check_finite=False)
-            r_new, slopes_new = problem.evaluate(basis.motion(trial), f0)
-            cost_new = _cost(r_new, trial, ridge)
+            cost_new = _cost(problem.value(basis.motion(trial), f0), trial, ridge)
             if cost_new < cost:
                 gained = (cost - cost_new) / cost
-                weights, r, slopes, cost = trial, r_new, slopes_new, cost_new
+                weights, cost = trial, cost_new
                 damping = max(damping / 5.0, 1e-8)
                 break
             damping *= 4.0
         small_gains = small_gains + 1 if gained < tolerance else 0
         if gained < 0 or small_gains == 2:
             return Outcome(weights, cost, used, True)
+        r, slopes = problem.evaluate(basis.motion(weights), f0)
     return Outcome(weights, cost, iterations, False)
 
 

@@ -68,6 +68,7 @@ class Problem:
     """Residuals r (T, R) and contact wrenches as functions of s = (Δz, Δż, Δz̈) (T, 3)."""
 
     residuals: Any
+    values: Any
     wrench: Any
     parameters: Array
     model: ContactModel
@@ -80,6 +81,10 @@ class Problem:
         values = np.asarray(r.full()).T
         slopes = np.asarray(jacobian.full()).reshape(self.rows, frames, 3)
         return values, np.ascontiguousarray(slopes.transpose(1, 0, 2))
+
+    def value(self, motion: tuple[Array, ...], f0: float) -> Array:
+        """Residuals (R, T) alone."""
+        return np.asarray(self.values(np.stack(motion), self.parameters, f0).full())
 
     def contact_wrench(self, motion: tuple[Array, ...]) -> tuple[Array, Array]:
         """Force (T, 3) and moment about the root (T, 3) of the contact model."""
@@ -101,9 +106,11 @@ def build(scene: Scene, settings: RootHeightSettings) -> Problem:
     force, moment = _contact(s, part, points, model, f0)
     r = _residuals(s, part, force, moment, scene, settings)
     frame = ca.Function("frame", [s, p, f0], [r, ca.jacobian(r, s)])
+    value = ca.Function("value", [s, p, f0], [r])
     wrench = ca.Function("wrench", [s, p, f0], [ca.vertcat(force, moment)])
     return Problem(
         _mapped(frame, scene.frames),
+        _mapped(value, scene.frames),
         _mapped(wrench, scene.frames),
         known,
         model,
@@ -185,6 +192,6 @@ def _residuals(
         weight = (settings.pose * scene.features) ** 0.5
         rows.append(weight * (s[0] + part["pose"][0]) * part["pose"][1])
     if np.isfinite(settings.limit):
-        beyond = ca.fabs(s[0]) / scene.size - 0.95 * settings.limit
-        rows.append(100.0 * ca.fmax(beyond, 0.0))
+        beyond = ca.fabs(s[0]) / scene.size - 0.93 * settings.limit
+        rows.append(300.0 * ca.fmax(beyond, 0.0))
     return ca.vertcat(*rows)
