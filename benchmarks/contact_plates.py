@@ -58,10 +58,9 @@ def main() -> None:
         ends = errors[0][1] + errors[1][1]
         every_start += starts
         every_end += ends
-        print(
-            f"{path.stem:12s} left {agreement[0]:.3f}  right {agreement[1]:.3f}  touch-down "
-            f"{np.round(starts).astype(int).tolist()}  lift-off {np.round(ends).astype(int).tolist()}"
-        )
+        print(f"{path.stem:12s} left {agreement[0]:.3f}  right {agreement[1]:.3f}", end="  ")
+        print("touch-down", np.round(starts).astype(int).tolist(), end="  ")
+        print("lift-off", np.round(ends).astype(int).tolist())
     for label, errors_ms in (("touch-down", every_start), ("lift-off", every_end)):
         values = np.array(errors_ms)
         print(f"{label}: mean {values.mean():+.0f} ms, mean size {np.abs(values).mean():.0f} ms")
