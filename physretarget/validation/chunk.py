@@ -1,16 +1,19 @@
 """One chunk of a clip: poses, forces and contacts in, per-frame series out.
 
-Series (T frames; BW = body weight, h = CoM height in the reference pose):
+Series (T frames; BW = body weight, h = CoM height in the reference pose; *_body, *_dof, *_pair
+say where):
 
-``required_force`` (T, 3) BW and ``required_moment`` (T, 3) BW h about the CoM: what the floor
-must supply. ``root_acceleration`` m/s². ``joint_speed`` rad/s or m/s and its dof.
-``limit_excess`` rad or m beyond a joint's range (unfiltered) and its joint. ``jerk``
-dimensionless, windowed, and its body. ``lowest`` m above the floor and ``lowest_body``,
-``deepest`` the same over all collision geometry. ``touching`` number of touching points,
-``touch`` (T, bodies) which bodies touch. ``unexplained_force`` BW, ``unexplained_moment``
-BW h: what no contact force explains; ``contact_force`` (T, 3) BW: what was found.
-``friction_demand`` 1, ``cop_outside`` m, NaN where nothing is supported. ``skate`` m/s and
-``skate_body``. ``torque_ratio`` 1 and ``torque_dof``. ``self_penetration`` m and ``pair``.
+* ``required_force`` (T, 3) BW, ``required_moment`` (T, 3) BW h about the CoM: what the floor
+  must supply; ``root_acceleration`` m/s^2
+* ``joint_speed`` rad/s or m/s; ``limit_excess`` rad or m beyond a joint's range (unfiltered)
+* ``jerk`` dimensionless, windowed; ``jitter`` the same without single shocks
+* ``lowest`` m above the floor of what may touch, ``deepest`` of all collision geometry;
+  ``touching`` number of touching points, ``touch`` (T, bodies) which bodies touch
+* ``unexplained_force`` BW, ``unexplained_moment`` BW h: what no contact force explains;
+  ``contact_force`` (T, 3) BW: what was found
+* ``friction_demand`` 1, ``cop_outside`` m, NaN where nothing is supported
+* ``skate`` m/s, ``skate_free`` the part of it that friction does not brake
+* ``torque_ratio`` 1, share of a joint's limit; ``self_penetration`` m
 """
 
 from __future__ import annotations
@@ -160,7 +163,8 @@ def _forces(
     if touch is None:
         return
     moving = body_motion(poses[0], touch.bodies, keep, step)
-    speed = touch.speed(poses[1], moving)
+    velocity = touch.velocity(poses[1], moving)
+    speed = np.linalg.norm(velocity, axis=2)
     arm = (touch.position - wrench.com[:, None]) / height
     fit = fit_forces(
         arm, touch.mask, np.hstack([force, moment]), friction=work.friction,
@@ -172,7 +176,7 @@ def _forces(
     series["cop_outside"] = cop_outside(
         touch, force, moment * height, wrench.com, character.floor_height
     )
-    series |= skate(touch, fit.force, speed)
+    series |= skate(touch, fit.force, velocity, work.friction)
     held = contact_torque(character, poses[1], touch, fit.force * weight)
     _torques(series, work, wrench.joint_torque - held)
 

@@ -6,7 +6,7 @@ For every frame, with n touching points p_i, friction mu and a wrench b (6,):
 
 A_i = [1; (p_i - c)x / h] maps a force to force and moment about c, the moment scaled by a
 height h, so that both halves count in body weights. S = diag(1, 1, mu) makes the cone its own
-dual. rho (about 1e-6) makes the forces unique and lets the caller prefer some points; it moves
+dual. rho (about 1e-7) makes the forces unique and lets the caller prefer some points; it moves
 the residual by that order only.
 
 The dual has six unknowns however many points there are. With y the residual b - sum A_i f_i
@@ -16,8 +16,8 @@ and P the projection on the second-order cone,
     S f_i = P(z_i) / rho_i
 
 is strongly convex with a piecewise smooth gradient: a semismooth Newton method with a line
-search solves all frames at once (Qi and Sun 1993). The few frames where it zigzags are
-solved along a smoothed projection (Fukushima, Luo and Tseng 2002) whose width goes to zero.
+search solves all frames at once (Qi and Sun 1993). The few frames where it zigzags go through
+an interior-point method first.
 """
 
 from __future__ import annotations
@@ -27,13 +27,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from physretarget.validation.interior import interior_point
+
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-RHO = 1e-6
-_TOLERANCE = 1e-9
-_ITERATIONS = 25
-_PATH_ITERATIONS = 120
+RHO = 1e-7
+# Strong convexity: the residual is as near to its optimum as the gradient is to zero.
+_TOLERANCE = 1e-8
+_ITERATIONS = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,61 +112,43 @@ def _maps(arm: Floats, friction: float) -> Floats:
 
 
 def _solve(problem: _Problem) -> tuple[Floats, Bools, int]:
-    frames, rows = problem.inv.shape
+    rows = problem.inv.shape[1]
     y = problem.b / (problem.inv.mean(axis=1, keepdims=True) * rows / 3)
-    exact = np.zeros((frames, 1))
-    y, done, used = _newton(problem, y, exact, _ITERATIONS)
+    y, done, used = _newton(problem, y)
     stuck = np.flatnonzero(~done)
     if len(stuck):
-        y[stuck], done[stuck], more = _follow_path(problem.take(stuck))
+        part = problem.take(stuck)
+        begun = interior_point(part.a, part.b, 1 / part.inv[:, ::3])
+        y[stuck], done[stuck], more = _newton(part, begun)
         used += more
     return y, done, used
 
 
-def _newton(problem: _Problem, y: Floats, eps: Floats, limit: int) -> tuple[Floats, Bools, int]:
+def _newton(problem: _Problem, y: Floats) -> tuple[Floats, Bools, int]:
     """Newton steps with Armijo backtracking until the gradient vanishes."""
     y = y.copy()
     done = np.zeros(len(y), dtype=bool)
     goal = _TOLERANCE * np.maximum(1.0, np.abs(problem.b).max(axis=1))
     live = np.arange(len(y))
     used = 0
-    while used < limit:
+    while used < _ITERATIONS:
         used += 1
         part = problem.take(live)
-        gradient, step = _step(part, y[live], eps[live])
+        gradient, step = _step(part, y[live])
         finished = np.abs(gradient).max(axis=1) < goal[live]
         done[live[finished]] = True
         live, part = live[~finished], part.take(~finished)
         if len(live) == 0:
             break
-        y[live] = _search(part, y[live], eps[live], step[~finished], gradient[~finished])
+        y[live] = _search(part, y[live], step[~finished], gradient[~finished])
     return y, done, used
 
 
-def _follow_path(problem: _Problem) -> tuple[Floats, Bools, int]:
-    """The same minimum along smoothed projections: one Newton step per width, width to zero."""
-    frames, rows = problem.inv.shape
-    rho = 1 / problem.inv[:, ::3]
-    size = np.maximum(np.abs(problem.b).max(axis=1, keepdims=True), 1e-3)
-    y = problem.b * rho.mean(axis=1, keepdims=True) * 3 / rows
-    width = np.ones((frames, 1))
-    for _ in range(_PATH_ITERATIONS):
-        eps = width * size * rho  # a force of about `width * size` where z is zero
-        gradient, step = _step(problem, y, eps)
-        y = _search(problem, y, eps, step, gradient)
-        near = np.abs(_gradient(problem, y, eps)).max(axis=1, keepdims=True) < width * size
-        width = np.where(near, width * 0.3, width)
-        if width.max() < 1e-12:
-            break
-    y, done, _ = _newton(problem, y, np.zeros((frames, 1)), _ITERATIONS)
-    return y, done, _PATH_ITERATIONS
-
-
-def _step(problem: _Problem, y: Floats, eps: Floats) -> tuple[Floats, Floats]:
+def _step(problem: _Problem, y: Floats) -> tuple[Floats, Floats]:
     """Gradient (B, 6) and Newton step (B, 6)."""
     frames = len(y)
     z = (problem.a @ y[:, :, None]).reshape(frames, -1, 3)
-    out, jacobian = _project(z, eps)
+    out, jacobian = _project(z)
     gradient = y - problem.b + _wrench_of(problem, out.reshape(frames, -1) * problem.inv)
     mapped = (jacobian @ problem.a.reshape(*z.shape, 6)).reshape(problem.a.shape)
     hessian = np.eye(6) + np.swapaxes(problem.a, 1, 2) @ (mapped * problem.inv[:, :, None])
@@ -172,15 +156,9 @@ def _step(problem: _Problem, y: Floats, eps: Floats) -> tuple[Floats, Floats]:
     return gradient, np.asarray(step, dtype=np.float64)
 
 
-def _gradient(problem: _Problem, y: Floats, eps: Floats) -> Floats:
-    z = (problem.a @ y[:, :, None]).reshape(len(y), -1, 3)
-    out = _values(z, eps)[0].reshape(len(y), -1) * problem.inv
-    return y - problem.b + _wrench_of(problem, out)
-
-
 def _scaled_force(problem: _Problem, y: Floats) -> Floats:
     z = (problem.a @ y[:, :, None]).reshape(len(y), -1, 3)
-    return _values(z, np.zeros((len(y), 1)))[0] * problem.inv.reshape(z.shape)
+    return _project(z)[0] * problem.inv.reshape(z.shape)
 
 
 def _wrench_of(problem: _Problem, scaled: Floats) -> Floats:
@@ -189,57 +167,33 @@ def _wrench_of(problem: _Problem, scaled: Floats) -> Floats:
     return wrench
 
 
-def _phi(problem: _Problem, y: Floats, eps: Floats) -> Floats:
+def _phi(problem: _Problem, y: Floats) -> Floats:
     z = (problem.a @ y[:, :, None]).reshape(len(y), -1, 3)
     tangent = np.hypot(z[..., 0], z[..., 1])
-    potential = _potential(z[..., 2] - tangent, eps) + _potential(z[..., 2] + tangent, eps)
-    phi: Floats = np.sum((0.5 * y - problem.b) * y, axis=1) + 0.5 * np.sum(
-        potential * problem.inv[:, ::3], axis=1
+    # Half the squared length of the projection, from its two spectral values.
+    squared = np.maximum(z[..., 2] - tangent, 0) ** 2 + np.maximum(z[..., 2] + tangent, 0) ** 2
+    phi: Floats = np.sum((0.5 * y - problem.b) * y, axis=1) + 0.25 * np.sum(
+        squared * problem.inv[:, ::3], axis=1
     )
     return phi
 
 
-def _potential(value: Floats, eps: Floats) -> Floats:
-    """Integral of (x + sqrt(x^2 + 4 eps^2)) / 2; half the square of max(x, 0) at eps = 0."""
-    if not eps.any():
-        squared: Floats = 0.5 * np.maximum(value, 0.0) ** 2
-        return squared
-    root = np.sqrt(value**2 + 4 * eps**2)
-    # For x far below zero x^2 + x root cancels: x (x + root) = -4 eps^2 x / (root - x).
-    product = np.where(
-        value > 0, value * (value + root), -4 * eps**2 * value / np.maximum(root - value, 1e-300)
-    ) * np.where(value > 0, 1.0, -1.0)
-    integral: Floats = 0.25 * product + eps**2 * np.arcsinh(value / (2 * eps))
-    return integral
+def _project(z: Floats) -> tuple[Floats, Floats]:
+    """Projection on |t| <= n and an element of its generalised Jacobian (..., 3, 3).
 
-
-def _values(z: Floats, eps: Floats) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats]:
-    """(Smoothed) projection on |t| <= n; its spectral values, tangential length, root parts."""
+    In spectral form: values n -+ |t| on (-+u, 1) / 2 with u = t / |t|, each cut off at zero.
+    """
     tangent = np.hypot(z[..., 0], z[..., 1])
     low, high = z[..., 2] - tangent, z[..., 2] + tangent
-    if eps.any():
-        low_root, high_root = np.sqrt(low**2 + 4 * eps**2), np.sqrt(high**2 + 4 * eps**2)
-    else:
-        low_root, high_root = np.abs(low), np.abs(high)
-    g_low, g_high = 0.5 * (low + low_root), 0.5 * (high + high_root)
+    g_low, g_high = np.maximum(low, 0), np.maximum(high, 0)
+    d_low, d_high = (low > 0).astype(np.float64), (high > 0).astype(np.float64)
+    slanted = tangent > 0
+    safe = np.where(slanted, tangent, 1.0)
+    ux, uy = np.where(slanted, z[..., 0] / safe, 1.0), np.where(slanted, z[..., 1] / safe, 0.0)
+    across = np.where(slanted, 0.5 * (g_high - g_low) / safe, d_high)
     out = np.empty_like(z)
-    safe = np.where(tangent > 0, tangent, 1.0)
-    out[..., :2] = (0.5 * (g_high - g_low) / safe)[..., None] * z[..., :2]
+    out[..., :2] = across[..., None] * z[..., :2]
     out[..., 2] = 0.5 * (g_high + g_low)
-    slopes = [
-        0.5 * (1 + v / np.where(r > 0, r, 1.0))
-        for v, r in ((low, low_root), (high, high_root))
-    ]  # fmt: skip
-    return out, g_low, g_high, tangent, slopes[0], slopes[1]
-
-
-def _project(z: Floats, eps: Floats) -> tuple[Floats, Floats]:
-    """Projection and an element of its generalised Jacobian (..., 3, 3)."""
-    out, g_low, g_high, tangent, d_low, d_high = _values(z, eps)
-    flat = tangent > 0
-    safe = np.where(flat, tangent, 1.0)
-    ux, uy = np.where(flat, z[..., 0] / safe, 1.0), np.where(flat, z[..., 1] / safe, 0.0)
-    across = np.where(flat, 0.5 * (g_high - g_low) / safe, d_high)
     mean, half = 0.5 * (d_high + d_low), 0.5 * (d_high - d_low)
     along = mean - across
     jacobian = np.empty((*z.shape, 3))
@@ -252,15 +206,15 @@ def _project(z: Floats, eps: Floats) -> tuple[Floats, Floats]:
     return out, jacobian
 
 
-def _search(problem: _Problem, y: Floats, eps: Floats, step: Floats, gradient: Floats) -> Floats:
+def _search(problem: _Problem, y: Floats, step: Floats, gradient: Floats) -> Floats:
     """Armijo backtracking, each frame its own step length."""
-    value = _phi(problem, y, eps)
+    value = _phi(problem, y)
     slope = np.sum(gradient * step, axis=1)
     length = np.ones(len(y))
     rising = np.arange(len(y))
     for _ in range(30):
         part = problem if len(rising) == len(y) else problem.take(rising)
-        phi = _phi(part, y[rising] + length[rising, None] * step[rising], eps[rising])
+        phi = _phi(part, y[rising] + length[rising, None] * step[rising])
         # The last steps change phi by less than rounding: allow for that.
         allowed = value[rising] + 1e-4 * length[rising] * slope[rising]
         rising = rising[phi > allowed + 1e-14 * (1 + np.abs(value[rising]))]

@@ -23,6 +23,8 @@ _ANGLES = (np.arange(_DIRECTIONS) + 0.25) * 2 * np.pi / _DIRECTIONS
 _COMPASS = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)])
 # A body bears load above this share of body weight and of what is borne in all.
 LOADED_BW, LOADED_SHARE = 0.1, 0.25
+# Sliding is braked when friction takes this share of the power that the cone allows.
+BRAKED = 0.7
 # The fit prefers resting points: one that slides at this speed (m/s) costs twice as much. The
 # dearest still moves the residual by less than a few hundredths of the force it would bear.
 _SLOW = 0.02
@@ -55,15 +57,15 @@ class Touch:
             "touch": self.on,
         }
 
-    def speed(self, pose: Pose, moving: tuple[Floats, Floats]) -> Floats:
-        """(T, n) tangential speed of the touching material points, m/s."""
+    def velocity(self, pose: Pose, moving: tuple[Floats, Floats]) -> Floats:
+        """(T, n, 2) tangential velocity of the touching material points, m/s."""
         linear, angular = moving
         column = np.searchsorted(self.bodies, self.body)
         column = np.minimum(column, max(len(self.bodies) - 1, 0))
         rows = np.arange(len(self.body))[:, None]
         arm = self.position - pose.position[rows, self.body]
         velocity = linear[rows, column] + np.cross(angular[rows, column], arm)
-        return np.where(self.mask, np.hypot(velocity[..., 0], velocity[..., 1]), 0.0)
+        return np.where(self.mask[..., None], velocity[..., :2], 0.0)
 
 
 def find_touch(points: Candidates, pose: Pose, floor: float, tolerance: float) -> Touch:
@@ -164,15 +166,19 @@ def touch_rho(touch: Touch, speed: Floats, tolerance: float) -> Floats:
     return RHO * np.minimum(1 + 9 * above**2 + (speed / _SLOW) ** 2, _DEAREST)
 
 
-def skate(touch: Touch, force: Floats, speed: Floats) -> Series:
-    """Speed (T,) of the fastest sliding loaded body, and the body; 0 where none is loaded.
+def skate(touch: Touch, force: Floats, velocity: Floats, friction: float) -> Series:
+    """Sliding of loaded bodies: ``skate`` (T,) m/s of the fastest, and ``skate_body``.
 
     A body slides as fast as its slowest loaded point, so that rolling over the toes or
-    turning about the heel is no sliding.
+    turning about the heel is no sliding. ``skate_free`` counts only sliding that friction
+    does not brake: a body that skids to a halt with its force on the edge of the cone,
+    against the motion, does what physics asks of it.
     """
-    frames = len(speed)
+    frames = len(force)
+    speed = np.linalg.norm(velocity, axis=2)
     total = force[..., 2].sum(axis=1)
-    worst, body = np.zeros(frames), np.zeros(frames, dtype=np.int64)
+    worst, free = np.zeros(frames), np.zeros(frames)
+    body = np.zeros(frames, dtype=np.int64)
     for index, candidate in enumerate(touch.bodies):
         if not touch.on[:, index].any():
             continue
@@ -183,9 +189,12 @@ def skate(touch: Touch, force: Floats, speed: Floats) -> Series:
         slowest = np.where(bearing, speed, np.inf).min(axis=1, initial=np.inf)
         loaded = (load > LOADED_BW) & (load > LOADED_SHARE * total) & np.isfinite(slowest)
         slides = np.where(loaded, slowest, 0.0)
+        power = np.where(mine[..., None], force[..., :2] * velocity, 0.0).sum(axis=(1, 2))
+        most = friction * (normal * speed).sum(axis=1)
+        free = np.maximum(free, np.where(power < -BRAKED * most, 0.0, slides))
         body[slides > worst] = candidate
         worst = np.maximum(worst, slides)
-    return {"skate": worst, "skate_body": body}
+    return {"skate": worst, "skate_free": free, "skate_body": body}
 
 
 def cop_outside(touch: Touch, force: Floats, moment: Floats, com: Floats, floor: float) -> Floats:
@@ -209,22 +218,32 @@ def cop_outside(touch: Touch, force: Floats, moment: Floats, com: Floats, floor:
 def hull_distance(point: Floats, corners: Floats, mask: Bools) -> Floats:
     """(T,) distance of a point (T, 2) from the convex hull of corners (T, n, 2); 0 inside.
 
-    The distance is the largest separation over directions; it is attained along the line to
-    a corner or at right angles to the line through two.
+    Outside, all corners are seen within half a turn; the nearest point then lies on a segment
+    between two of them (or on the only one).
     """
-    count = mask.shape[1]
-    first, second = np.triu_indices(count, 1)
-    edge = corners[:, second] - corners[:, first]
-    normal = np.stack([-edge[..., 1], edge[..., 0]], axis=-1)
-    usable = mask[:, first] & mask[:, second]
-    directions = np.concatenate([point[:, None] - corners, normal, -normal], axis=1)
-    usable = np.concatenate([mask, usable, usable], axis=1)
-    length = np.linalg.norm(directions, axis=2)
-    usable &= length > 1e-12
-    directions /= np.where(length > 1e-12, length, 1.0)[..., None]
-    support = np.where(mask[:, None, :], directions @ np.swapaxes(corners, 1, 2), -np.inf).max(
-        axis=2
-    )
-    apart = np.einsum("tdi,ti->td", directions, point) - support
-    distance: Floats = np.where(usable, apart, -np.inf).max(axis=1, initial=0.0)
+    seen = corners - point[:, None]
+    angle = np.where(mask, np.arctan2(seen[..., 1], seen[..., 0]), np.inf)
+    angle.sort(axis=1)
+    last = np.take_along_axis(angle, mask.sum(axis=1)[:, None] - 1, axis=1)
+    gaps = np.diff(np.where(np.isfinite(angle), angle, last), axis=1)
+    around = angle[:, 0] + 2 * np.pi - last[:, 0]
+    widest = np.maximum(gaps.max(axis=1, initial=0.0), around)
+    distance = np.zeros(len(point))
+    outside = np.flatnonzero(widest > np.pi)
+    distance[outside] = _segment_distance(seen[outside], mask[outside])
+    return distance
+
+
+def _segment_distance(seen: Floats, mask: Bools) -> Floats:
+    """(T,) distance of the origin from the nearest segment between two points (T, n, 2)."""
+    first, second = np.triu_indices(mask.shape[1])
+    start = seen[:, first]
+    way = seen[:, second] - start
+    length = np.maximum(np.sum(way**2, axis=2), 1e-300)
+    share = np.clip(-np.sum(start * way, axis=2) / length, 0.0, 1.0)
+    nearest = start + share[..., None] * way
+    apart = np.where(
+        mask[:, first] & mask[:, second], np.sum(nearest**2, axis=2), np.inf
+    )  # fmt: skip
+    distance: Floats = np.sqrt(apart.min(axis=1, initial=np.inf))
     return distance

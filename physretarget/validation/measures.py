@@ -14,7 +14,7 @@ from physretarget.validation.report import Measure
 Floats = NDArray[np.float64]
 
 PENETRATION_M = 0.005  # PhysDiff's tolerance (Yuan et al. 2023)
-PULL_BW = 0.0  # the floor pulls when the required vertical force is negative at all
+PULL_BW = 0.02  # more than rounding and the noise of second differences
 # Displacement while sliding slower than this is drift of the data, not skating.
 SKATE_M_S = 0.05
 CHATTER_S = 0.1

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
@@ -16,10 +18,13 @@ Series = dict[str, NDArray[np.generic]]
 WINDOW_S = 0.5
 # Slower than this many CoM heights per second counts as this: at rest the ratio is 0/0.
 _SLOWEST = 0.5
+_CUTS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 
 
 def windowed_jerk(position: Floats, time: Floats, keep: slice, character: Character) -> Series:
     """(T,) worst dimensionless jerk over the bodies, in the window around each frame.
+
+    ``jerk`` is the textbook's; ``jitter`` leaves single shocks out.
 
     ``position`` (T, nb, 3) with neighbours; nothing is returned for clips shorter than the
     seven frames that the difference formula needs.
@@ -39,15 +44,22 @@ def windowed_jerk(position: Floats, time: Floats, keep: slice, character: Charac
     squared = np.sum(jerk**2, axis=2)
     half = max(1, round(WINDOW_S / step / 2))
     total = np.vstack([np.zeros(p.shape[1]), np.cumsum(squared, axis=0)])
-    first = np.clip(np.arange(frames) - half, 0, frames)
-    last = np.clip(np.arange(frames) + half, 0, frames)
-    integral = (total[last] - total[first]) * step
+    cuts = [np.clip(np.arange(frames) + round(half * c), 0, frames) for c in _CUTS]
+    parts = np.stack([total[b] - total[a] for a, b in pairwise(cuts)]) * step
+    integral = parts.sum(axis=0)
+    # One landing fills one quarter of the window, two where it lies on a cut: trembling fills
+    # them all. The second smallest stands for every quarter.
+    steady = len(parts) * np.partition(parts, 1, axis=0)[1]
     slowest = _SLOWEST * max(character.com_height, 1e-3)
     peak = np.maximum(_sliding_max(speed, half), slowest)
-    ratio = (WINDOW_S**3 * integral / peak**2)[keep]
-    worst = ratio.argmax(axis=1)
     bodies = np.asarray(character.bodies, dtype=np.int64)
-    return {"jerk": ratio[np.arange(len(ratio)), worst], "jerk_body": bodies[worst]}
+    series: Series = {}
+    for name, value in (("jerk", integral), ("jitter", steady)):
+        ratio = (WINDOW_S**3 * value / peak**2)[keep]
+        worst = ratio.argmax(axis=1)
+        series[name] = ratio[np.arange(len(ratio)), worst]
+        series[f"{name}_body"] = bodies[worst]
+    return series
 
 
 def _sliding_max(values: Floats, half: int) -> Floats:

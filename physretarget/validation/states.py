@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget.validation.analysis import Analysis
+from physretarget.validation.rule import runs
 
 Bools = NDArray[np.bool_]
 
@@ -13,6 +14,8 @@ Bools = NDArray[np.bool_]
 FLOAT_BW = 0.3
 # A filter smears take-off and landing over about a quarter of its period.
 _SMEAR_PERIODS = 0.25
+# A stretch in the air that needs support for longer than this floats as a whole.
+_FLOATS_S = 0.05
 
 
 def airborne(analysis: Analysis) -> Bools:
@@ -29,10 +32,18 @@ def floating(analysis: Analysis) -> Bools:
 
 def flight(analysis: Analysis) -> Bools:
     """(T,) frames in the air, their ends trimmed by what the filter smears."""
-    free = airborne(analysis)
     hz = analysis.settings.lowpass_hz
     trim = 0 if hz is None else round(_SMEAR_PERIODS / hz * analysis.fps)
-    return eroded(free, trim)
+    return eroded(airborne(analysis), trim).copy()
+
+
+def free_flight(analysis: Analysis) -> Bools:
+    """(T,) flight, without the stretches in the air of which a part floats."""
+    judged, floats = flight(analysis), floating(analysis)
+    for first, last in runs(airborne(analysis)):
+        if floats[first : last + 1].sum() > _FLOATS_S * analysis.fps:
+            judged[first : last + 1] = False
+    return judged
 
 
 def eroded(flags: Bools, frames: int) -> Bools:

@@ -54,7 +54,7 @@ class TorqueLimits:
 
     def judge(self, torque: Floats) -> Series:
         """Largest share (T,) of a limit that is used, and the degree of freedom."""
-        ratio = np.where(torque > 0, torque / self.upper, torque / self.lower)
+        ratio = np.where(torque > 0, torque / self.upper, np.abs(torque) / -self.lower)
         worst = ratio.argmax(axis=1)
         return {"torque_ratio": ratio[np.arange(len(ratio)), worst], "torque_dof": worst}
 

@@ -3,7 +3,8 @@
 What it does
 ------------
 The force that the motion requires minus the best force that friction cones at the touching
-points can give. Frames that float are left to CON003.
+points can give. Frames in the air are left to
+CON003, DYN006 and DYN007.
 
 Why it matters
 --------------
@@ -34,7 +35,7 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     """No contact force explains the motion."""
     if not analysis.judges_forces:
         return Verdict(not_covered=analysis.no_forces_because)
-    series = np.where(states.floating(analysis), np.nan, analysis["unexplained_force"])
+    series = np.where(states.airborne(analysis), np.nan, analysis["unexplained_force"])
     return exceeding(
         analysis, rule, series, warning=limits["warning"], error=limits["error"], unit="BW",
         message="{value} {unit} of force are explained by no contact (limit {limit})",

@@ -32,7 +32,7 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     """In the air the angular momentum changes."""
     if not analysis.judges_forces:
         return Verdict(not_covered=analysis.no_forces_because)
-    judged = states.flight(analysis) & ~states.floating(analysis)
+    judged = states.free_flight(analysis)
     moment = np.linalg.norm(analysis["required_moment"], axis=1)
     return exceeding(
         analysis, rule, np.where(judged, moment, np.nan), warning=limits["warning"],

@@ -28,11 +28,11 @@ from physretarget.validation.rule import Limit, Limits, Rule, Verdict, exceeding
 
 def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     """A body trembles: its jerk is beyond voluntary motion."""
-    if "jerk" not in analysis.has:
+    if "jitter" not in analysis.has:
         return Verdict(not_covered="jerk needs at least 7 frames")
-    worst = analysis.ints("jerk_body")
+    worst = analysis.ints("jitter_body")
     return exceeding(
-        analysis, rule, analysis["jerk"], warning=limits["warning"], error=limits["error"],
+        analysis, rule, analysis["jitter"], warning=limits["warning"], error=limits["error"],
         unit="1", body=lambda t: analysis.body_name(worst[t]),
         message="{body} trembles: dimensionless jerk {value} (limit {limit})",
     )  # fmt: skip

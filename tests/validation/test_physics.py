@@ -1,0 +1,210 @@
+"""What is known beforehand: standing, falling, simulated motion and its distortions."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+from physretarget.clip import Clip, load_clip
+from physretarget.mjcf import Character, lowpass
+from physretarget.validation import Report, Settings, analysis, validate
+
+BOUND = {"error"}
+
+
+def errors(report: Report) -> set[str]:
+    return {f.code for f in report.findings if f.severity == "error"}
+
+
+def codes(report: Report) -> set[str]:
+    return {f.code for f in report.findings}
+
+
+def value(report: Report, name: str) -> float:
+    measured = report.measures[name].value
+    assert measured is not None, name
+    return measured
+
+
+def test_standing_bears_its_weight(biped: Character, standing: Clip) -> None:
+    report = validate(standing, biped)
+    for name in ("max", "min", "mean"):
+        assert value(report, f"required_force_vertical_{name}_bw") == pytest.approx(1, abs=1e-3)
+    assert value(report, "unexplained_force_max_bw") < 1e-4
+    assert report.passed
+
+
+def test_free_fall_needs_nothing(biped: Character, standing: Clip) -> None:
+    qpos = standing.qpos.copy()
+    qpos[:, 2] += 8 - 9.81 / 2 * standing.time**2
+    qpos[:, 0] += 1.5 * standing.time
+    report = validate(replace(standing, qpos=qpos), biped)
+    assert value(report, "required_force_vertical_max_bw") == pytest.approx(0, abs=1e-3)
+    assert value(report, "required_force_vertical_min_bw") == pytest.approx(0, abs=1e-3)
+    assert value(report, "flight_com_acceleration_error_rms") < 1e-2
+    assert value(report, "flight_frames_fraction") == 1
+    assert value(report, "float_time_s") == 0
+    assert value(report, "pull_frames_fraction") == 0
+    assert codes(report) == set()
+
+
+def test_simulated_hop_is_explained(biped: Character, hop: Clip) -> None:
+    report = validate(hop, biped)
+    assert codes(report) == set()
+    assert value(report, "unexplained_force_rms_bw") < 5e-3
+    assert 0.02 < value(report, "flight_frames_fraction") < 0.2
+    assert value(report, "flight_com_acceleration_error_rms") < 0.05
+
+
+def test_lifted_clip_floats_and_nothing_else(biped: Character, hop: Clip) -> None:
+    qpos = hop.qpos.copy()
+    qpos[:, 2] += 0.03
+    report = validate(replace(hop, qpos=qpos), biped)
+    assert codes(report) == {"CON003"}
+    assert value(report, "float_time_s") > 2.5
+
+
+def test_sliding_clip_skates_and_nothing_else(biped: Character, hop: Clip) -> None:
+    qpos = hop.qpos.copy()
+    qpos[:, 0] += 0.2 * hop.time
+    report = validate(replace(hop, qpos=qpos), biped)
+    assert codes(report) == {"CON002"}
+
+
+def test_fast_clip_breaks_flight(biped: Character, hop: Clip) -> None:
+    report = validate(replace(hop, time=hop.time / 1.5), biped)
+    assert {"DYN003", "DYN006"} <= errors(report)
+    assert not errors(report) & {"CON001", "CON003", "KIN001", "KIN004"}
+
+
+def test_mirrored_gravity_breaks_force_and_contact(biped: Character, hop: Clip) -> None:
+    qpos = hop.qpos.copy()
+    qpos[:, 2] = 2 * qpos[0, 2] - qpos[:, 2]
+    report = validate(replace(hop, qpos=qpos), biped)
+    assert {"DYN003", "CON001", "CON003"} <= errors(report)
+
+
+def test_flipped_joint_breaks_balance(biped: Character, hop: Clip) -> None:
+    qpos = hop.qpos.copy()
+    qpos[:, 7] *= -1
+    report = validate(replace(hop, qpos=qpos), biped)
+    assert {"DYN001", "DYN007"} <= errors(report)
+    assert not errors(report) & {"CON001", "CON003", "KIN001", "KIN004"}
+
+
+def test_chunks_join_without_a_seam(
+    biped: Character, hop: Clip, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = validate(hop, biped)
+    monkeypatch.setattr(analysis, "CHUNK", 37)
+    parts = validate(hop, biped)
+    for name, measure in whole.measures.items():
+        other = parts.measures[name]
+        assert measure.unit == other.unit
+        assert (measure.value is None) == (other.value is None)
+        if measure.value is not None and other.value is not None:
+            assert other.value == pytest.approx(measure.value, rel=1e-6, abs=1e-7), name
+    assert codes(whole) == codes(parts)
+
+
+def test_fixed_base_says_what_it_cannot_judge() -> None:
+    arm = Character.from_xml(
+        """<mujoco><worldbody><geom type="plane" size="1 1 .1"/><body pos="0 0 1">
+        <joint name="j" axis="0 1 0" range="-90 90"/><geom type="capsule" fromto="0 0 0 .4 0 0"
+        size=".03" mass="1"/></body></worldbody>
+        <actuator><motor joint="j" forcerange="-2 2" ctrllimited="false"/></actuator></mujoco>""",
+        name="arm",
+    )
+    qpos = np.zeros((40, 1))
+    report = validate(Clip(qpos=qpos, time=np.arange(40) / 50), arm)
+    uncovered = {c.code: c.reason for c in report.coverage if c.status == "not-covered"}
+    assert {"DYN001", "DYN003", "CON002", "CON003"} <= set(uncovered)
+    assert "free joint" in uncovered["DYN001"]
+    # A 1 kg rod held out level: m g l / 2 = 1.96 N m of 2 N m.
+    ratio = report.measures["joint_torque_ratio_max"].value
+    assert ratio == pytest.approx(9.81 * 0.2 / 2, rel=1e-3)
+
+
+def test_ball_joints_and_two_trees_are_judged() -> None:
+    character = Character.from_xml(
+        """<mujoco><worldbody><geom type="plane" size="2 2 .1"/>
+        <body name="box" pos="0 0 .1"><freejoint/><geom type="box" size=".1 .1 .1" mass="3"/>
+          <body name="tail" pos="-.1 0 .1"><joint name="t" type="ball"/>
+          <geom type="capsule" fromto="0 0 .05 0 0 .3" size=".02" mass=".2"/></body></body>
+        <body name="prop" pos="1 0 .05"><freejoint/><geom type="sphere" size=".05" mass="1"/></body>
+        </worldbody></mujoco>""",
+        name="two",
+    )
+    qpos = np.tile(character.reference_qpos, (50, 1))
+    report = validate(Clip(qpos=qpos, time=np.arange(50) / 50), character)
+    assert value(report, "required_force_vertical_mean_bw") == pytest.approx(1, abs=1e-6)
+    assert value(report, "unexplained_force_max_bw") < 1e-4
+    assert any("other moving trees" in note for note in report.model.notes)
+
+
+def test_wrong_width_is_an_input_error(biped: Character) -> None:
+    from physretarget.errors import InputError
+
+    with pytest.raises(InputError, match="nq = 13"):
+        validate(Clip(qpos=np.zeros((5, 4)), time=np.arange(5.0)), biped)
+
+
+def g1(data: Path, name: str) -> tuple[Clip, Character]:
+    character = Character.load(data / "robot" / "g1_no_mesh_box_feet.xml")
+    return load_clip(data / "robot" / f"g1_{name}.csv", character=character, fps=30), character
+
+
+@pytest.mark.parametrize("name", ["walk", "wave", "jumpjack"])
+def test_generated_robot_clips(data: Path, name: str) -> None:
+    clip, character = g1(data, name)
+    report = validate(clip, character, settings=Settings(profile="robot", lowpass_hz=6))
+    forces = {c for c in errors(report) if c.startswith("DYN")}
+    low = value(report, "required_force_vertical_min_bw")
+    high = value(report, "required_force_vertical_max_bw")
+    if name == "jumpjack":
+        assert "DYN003" in forces
+        assert value(report, "pull_frames_fraction") == pytest.approx(0.1, abs=0.02)
+    else:
+        assert forces == set()
+        near = {"walk": (0.69, 1.65), "wave": (0.96, 1.03)}[name]
+        assert (low, high) == pytest.approx(near, abs=0.01)
+
+
+def test_unfiltered_walk_reads_as_published(data: Path) -> None:
+    clip, character = g1(data, "walk")
+    report = validate(clip, character)
+    assert value(report, "required_force_vertical_min_bw") == pytest.approx(0.30, abs=0.01)
+    assert value(report, "required_force_vertical_max_bw") == pytest.approx(2.45, abs=0.01)
+
+
+# Where the smooth clip has nothing to measure, a ratio means nothing.
+SMALL = {
+    "unexplained_force_max_bw": 2e-3, "unexplained_force_rms_bw": 1e-3,
+    "unexplained_moment_max_bwh": 2e-3, "unexplained_moment_rms_bwh": 1e-3,
+    "skate_speed_max_m_s": 2e-3, "penetration_max_m": 1e-4, "skate_distance_m": 1e-3,
+    "cop_outside_max_m": 2e-3, "penetration_frames_fraction": 0.01, "cop_outside_fraction": 0.01,
+    "contact_chatter_per_s": 0.5, "self_penetration_max_m": 1e-4,
+}  # fmt: skip
+
+
+def test_measures_do_not_depend_on_the_frame_rate(data: Path) -> None:
+    clip, character = g1(data, "wave")
+    smooth = lowpass(character, clip.qpos, 30, 1.5)
+    spline = CubicSpline(clip.time, smooth)
+    reports = []
+    for fps in (30, 60, 120):
+        time = np.arange(round(clip.duration * fps) + 1) / fps
+        qpos = spline(time)
+        qpos[:, 3:7] /= np.linalg.norm(qpos[:, 3:7], axis=1, keepdims=True)
+        reports.append(validate(Clip(qpos=qpos, time=time), character))
+    for name, measure in reports[0].measures.items():
+        values = [r.measures[name].value for r in reports]
+        assert [v is None for v in values] == [values[0] is None] * 3, name
+        if measure.value is None:
+            continue
+        floor = SMALL.get(name, 0.0)
+        assert values == pytest.approx([values[2]] * 3, rel=0.05, abs=floor), name

@@ -1,0 +1,297 @@
+"""Every rule: has documentation, a clip that fires it, a clip that stays clean."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from physretarget.clip import Clip
+from physretarget.mjcf import Character
+from physretarget.validation import BY_CODE, RULES, Report, Settings, validate
+from physretarget.validation.codes import RETIRED
+from physretarget.validation.rules_page import rules_page
+
+Case = tuple[Clip, Character]
+FIRING: dict[str, Callable[[Character, Clip, Clip], Case]] = {}
+
+
+def fires(code: str):  # type: ignore[no-untyped-def]
+    def register(function):  # type: ignore[no-untyped-def]
+        FIRING[code] = function
+        return function
+
+    return register
+
+
+def posed(clip: Clip, **columns: object) -> Clip:
+    """A copy with columns of qpos (q0, q1, …) replaced or shifted by what a function returns."""
+    qpos = clip.qpos.copy()
+    for name, how in columns.items():
+        column = int(name[1:])
+        qpos[:, column] = how(qpos[:, column], clip.time)  # type: ignore[operator]
+    return replace(clip, qpos=qpos)
+
+
+def pitched(clip: Clip, angle: np.ndarray) -> Clip:
+    qpos = clip.qpos.copy()
+    qpos[:, 3], qpos[:, 5] = np.cos(angle / 2), np.sin(angle / 2)
+    return replace(clip, qpos=qpos)
+
+
+def model(text: str) -> Character:
+    return Character.from_xml(text, name="case")
+
+
+def still(character: Character) -> Clip:
+    qpos = np.tile(character.reference_qpos, (30, 1))
+    return Clip(qpos=qpos, time=np.arange(30) / 30.0, model_sha256=character.sha256)
+
+
+BODY = """<mujoco>{option}<asset>{asset}</asset><worldbody>
+<geom type="plane" size="2 2 .1"/>
+<body name="a" pos="0 0 .1"><freejoint/>{first}
+<body name="b" pos=".3 0 0"><joint name="j" axis="0 1 0" {joint}/>
+<geom type="box" size=".1 .05 .05" density="500"/></body></body></worldbody></mujoco>"""
+BOX = '<geom type="box" size=".1 .1 .1" density="500"/>'
+
+
+def odd(first: str = BOX, joint: str = 'range="-1 1" limited="true"', **parts: str) -> Case:
+    filled = {"option": "", "asset": "", **parts}
+    character = model(BODY.format(first=first, joint=joint, **filled))
+    return still(character), character
+
+
+@fires("DAT001")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    kept = np.r_[0:50, 51 : hop.frames]
+    return replace(hop, qpos=hop.qpos[kept], time=hop.time[kept]), biped
+
+
+@fires("DAT002")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    return replace(standing, time=np.arange(standing.frames) / 12), biped
+
+
+@fires("DAT003")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    qpos = hop.qpos.copy()
+    qpos[181:186] = qpos[180]
+    return replace(hop, qpos=qpos), biped
+
+
+@fires("DAT004")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    return replace(standing, qpos=standing.qpos[:2], time=standing.time[:2]), biped
+
+
+@fires("DAT005")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    return replace(standing, model_sha256="0" * 64), biped
+
+
+@fires("MDL001")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    return odd(first=f'<inertial pos="0 0 0" mass="1" diaginertia="5 5 5"/>{BOX}')
+
+
+@fires("MDL002")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    return odd(first='<geom type="box" size=".1 .1 .1" density="40000"/>')
+
+
+@fires("MDL003")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    corners = " ".join(f"{x} {y} {z}" for x in (0, 0.2) for y in (0, 0.2) for z in (0, 0.2))
+    faces = "0 1 3 0 3 2 4 6 7 4 7 5 0 4 5 0 5 1 2 3 7 2 7 6 0 2 6"  # one triangle missing
+    return odd(
+        first='<geom type="mesh" mesh="m" mass="3"/>',
+        asset=f'<mesh name="m" vertex="{corners}" face="{faces}" inertia="convex"/>',
+    )
+
+
+@fires("MDL004")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    return odd(joint="")
+
+
+@fires("MDL005")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    return odd(joint='range="-1 1" limited="true" stiffness="500" damping="50"')
+
+
+@fires("MDL006")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    clip, _ = odd()
+    text = BODY.format(first=BOX, joint='range="-1 1" limited="true"', option="", asset="")
+    bare = model(text.replace('<geom type="box"', '<geom contype="0" conaffinity="0" type="box"'))
+    return replace(clip, model_sha256=bare.sha256), bare
+
+
+@fires("MDL007")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    return odd(option='<option gravity="0 -9.81 0"/>')
+
+
+@fires("KIN001")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    return posed(standing, q8=lambda q, t: q - 0.2), biped
+
+
+@fires("KIN002")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    return posed(standing, q7=lambda q, t: np.where(t > 0.5, 1.5, 0.0)), biped
+
+
+@fires("KIN003")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    noise = 2e-3 * np.random.default_rng(0).normal(size=standing.frames)
+    return posed(standing, q0=lambda q, t: q + noise), biped
+
+
+@fires("KIN004")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    return posed(standing, q1=lambda q, t: q + np.where(t > 0.5, 0.5, 0.0)), biped
+
+
+@fires("KIN005")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    folded = posed(standing, q2=lambda q, t: q + 0.5, q7=lambda q, t: q - 2.6)
+    return posed(folded, q8=lambda q, t: q + 3.5, q9=lambda q, t: q - 0.9), biped
+
+
+@fires("CON001")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    return posed(standing, q2=lambda q, t: q - 0.03), biped
+
+
+@fires("CON002")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    return posed(standing, q0=lambda q, t: q + 0.2 * t), biped
+
+
+@fires("CON003")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    return posed(standing, q2=lambda q, t: q + 0.03), biped
+
+
+@fires("CON004")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    flicker = 0.002 * (-1.0) ** np.arange(standing.frames)
+    return posed(standing, q2=lambda q, t: q + 0.018 + flicker), biped
+
+
+@fires("DYN001")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    return posed(standing, q0=lambda q, t: q + 8.0 * t**2), biped
+
+
+@fires("DYN002")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    # Leaning rigidly about the ankles by 25 degrees, the feet flat: nothing holds that.
+    lean = np.deg2rad(25) * np.ones(standing.frames)
+    leaning = pitched(standing, lean)
+    moved = posed(
+        leaning,
+        q0=lambda q, t: q + 0.6 * np.sin(lean),
+        q2=lambda q, t: q - 0.6 * (1 - np.cos(lean)),
+    )
+    return posed(moved, q9=lambda q, t: q - lean, q12=lambda q, t: q - lean), biped
+
+
+@fires("DYN003")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    return replace(hop, time=hop.time / 1.5), biped
+
+
+@fires("DYN004")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    return posed(standing, q0=lambda q, t: q + 8.0 * t**2), biped
+
+
+@fires("DYN005")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    return FIRING["DYN002"](biped, hop, standing)
+
+
+@fires("DYN006")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    return replace(hop, time=hop.time / 1.5), biped
+
+
+@fires("DYN007")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    falling = posed(standing, q2=lambda q, t: q + 8 - 9.81 / 2 * t**2)
+    return pitched(falling, 4.0 * standing.time**2), biped
+
+
+@fires("DYN008")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    text = BODY.format(
+        first=BOX,
+        joint='range="-1 1" limited="true" actuatorfrcrange="-.1 .1"',
+        option="",
+        asset="",
+    )
+    weak = model(text)
+    qpos = np.tile(weak.reference_qpos, (30, 1))
+    qpos[:, 2] += 4 - 9.81 / 2 * (np.arange(30) / 30.0) ** 2
+    qpos[:, 7] = 0.5 * np.sin(15 * np.arange(30) / 30.0)
+    return Clip(qpos=qpos, time=np.arange(30) / 30.0), weak
+
+
+@fires("DYN009")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    return replace(hop, time=hop.time / 1.5), biped
+
+
+def codes(report: Report) -> set[str]:
+    return {finding.code for finding in report.findings}
+
+
+def test_every_rule_has_a_firing_clip() -> None:
+    assert set(FIRING) == set(BY_CODE)
+
+
+@pytest.mark.parametrize("code", sorted(FIRING))
+def test_rule_fires(code: str, biped: Character, hop: Clip, standing: Clip) -> None:
+    clip, character = FIRING[code](biped, hop, standing)
+    report = validate(clip, character)
+    assert code in codes(report), [c for c in report.coverage if c.code == code]
+    finding = next(f for f in report.findings if f.code == code)
+    assert finding.rule == BY_CODE[code].name
+    if finding.frame_first is not None:
+        assert finding.frame_last is not None
+        assert finding.frame is not None
+        assert 0 <= finding.frame_first <= finding.frame <= finding.frame_last < clip.frames
+
+
+@pytest.mark.parametrize("profile", ["animation", "robot"])
+def test_clean_clips_stay_clean(biped: Character, hop: Clip, standing: Clip, profile) -> None:  # type: ignore[no-untyped-def]
+    for clip in (hop, standing):
+        report = validate(clip, biped, settings=Settings(profile=profile))
+        assert codes(report) == set(), [f.message for f in report.findings]
+        assert all(c.status == "checked" for c in report.coverage)
+
+
+@pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.code)
+def test_rule_is_documented(rule) -> None:  # type: ignore[no-untyped-def]
+    assert re.fullmatch(r"(DAT|MDL|KIN|CON|DYN)\d{3}", rule.code)
+    assert rule.code not in RETIRED
+    assert set(rule.sections) == {"What it does", "Why it matters", "Threshold", "Example"}
+    assert all(len(text) > 4 for text in rule.sections.values())
+    assert rule.summary.endswith(".")
+    assert all(limit.source for limit in rule.limits.values())
+
+
+def test_codes_and_names_are_unique() -> None:
+    assert len(BY_CODE) == len(RULES) == len({rule.name for rule in RULES})
+
+
+def test_the_page_of_rules_is_up_to_date() -> None:
+    page = Path(__file__).parents[2] / "docs" / "rules.md"
+    assert page.read_text(encoding="utf-8") == rules_page()

@@ -1,0 +1,166 @@
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from physretarget.clip import Clip
+from physretarget.errors import InputError, UsageError
+from physretarget.mjcf import Character
+from physretarget.validation import (
+    RULES,
+    Settings,
+    apply_baseline,
+    load_baseline,
+    load_settings,
+    save_baseline,
+    validate,
+    validate_many,
+)
+
+
+@pytest.fixture
+def lifted(standing: Clip) -> Clip:
+    return replace(standing, qpos=standing.qpos + np.eye(13)[2] * 0.03, path="lifted.npz")
+
+
+def test_select_and_ignore(biped: Character, lifted: Clip) -> None:
+    chosen = validate(lifted, biped, settings=Settings(select=("DYN", "CON003")))
+    assert {c.code[:3] for c in chosen.coverage} == {"DYN", "CON"}
+    assert {f.code for f in chosen.findings} == {"CON003"}
+    without = validate(lifted, biped, settings=Settings(ignore=("CON003",)))
+    assert without.passed
+    assert len(without.coverage) == len(RULES) - 1
+
+
+@pytest.mark.parametrize("code", ["XYZ", "DYN999", ""])
+def test_unknown_codes_list_the_valid_ones(code: str, biped: Character, lifted: Clip) -> None:
+    with pytest.raises(UsageError, match="DYN001"):
+        validate(lifted, biped, settings=Settings(select=(code,)))
+
+
+def write(path: Path, text: str) -> Path:
+    path.write_text(text)
+    return path
+
+
+def test_toml_sets_everything(tmp_path: Path, biped: Character, lifted: Clip) -> None:
+    path = write(
+        tmp_path / "c.toml",
+        """
+        profile = "robot"
+        lowpass_hz = 10
+        contact_tolerance_m = 0.005
+        friction = 0.7
+        ignore = ["DAT"]
+        [limits.CON003]
+        error = 100
+        [severity]
+        CON003 = "warning"
+        """,
+    )
+    settings = load_settings(path, RULES)
+    report = validate(lifted, biped, settings=settings)
+    assert report.settings.profile == "robot"
+    assert report.settings.lowpass_hz == 10
+    assert report.settings.friction == 0.7
+    assert report.settings.contact_tolerance_m == 0.005
+    assert [f.severity for f in report.findings] == ["warning"]
+    assert report.passed
+    assert report.fails("warning")
+    assert not report.fails("error")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("profil = 'robot'", "did you mean 'profile'"),
+        ("profile = 'boat'", "animation or robot"),
+        ("select = 'DYN'", "list of codes"),
+        ("ignore = ['DYM']", "valid are DAT001"),
+        ("lowpass_hz = 'six'", "must be a number"),
+        ("lowpass_hz = -1", "above 0"),
+        ("[limits.DYN001]\nwarn = 1", "has no limit 'warn'"),
+        ("[limits.DYN77]\nwarning = 1", "no rule has the code"),
+        ("[severity]\nDYN001 = 'fatal'", "error"),
+        ("limits = 3", "must be a table"),
+        ("a = = 1", "not valid TOML"),
+    ],
+)
+def test_toml_mistakes_name_what_is_valid(tmp_path: Path, text: str, message: str) -> None:
+    path = write(tmp_path / "c.toml", text)
+    with pytest.raises(InputError, match=message) as caught:
+        load_settings(path, RULES)
+    assert caught.value.path == str(path)
+
+
+def test_profile_changes_limits(biped: Character, standing: Clip) -> None:
+    qpos = standing.qpos.copy()
+    qpos[:, 7] = 0.8 * np.sin(40 * standing.time)  # 32 rad/s
+    clip = replace(standing, qpos=qpos)
+    fast = {
+        profile: {
+            f.code for f in validate(clip, biped, settings=Settings(profile=profile)).findings
+        }
+        for profile in ("animation", "robot")
+    }
+    assert "KIN002" in fast["robot"]
+    assert "KIN002" not in fast["animation"]
+
+
+def test_baseline_accepts_today_and_catches_tomorrow(
+    tmp_path: Path, biped: Character, lifted: Clip
+) -> None:
+    today = validate(lifted, biped)
+    assert not today.passed
+    path = tmp_path / "baseline.json"
+    save_baseline([today], path)
+    accepted = load_baseline(path)
+    quiet = apply_baseline(today, accepted)
+    assert quiet.passed
+    assert quiet.accepted == len(today.findings)
+    sunk = replace(lifted, qpos=lifted.qpos - np.eye(13)[2] * 0.08)
+    new = apply_baseline(validate(sunk, biped), accepted)
+    assert {f.code for f in new.findings} >= {"CON001"}
+    elsewhere = apply_baseline(validate(replace(lifted, path="other.npz"), biped), accepted)
+    assert not elsewhere.passed
+
+
+def test_baseline_does_not_accept_what_got_worse(
+    tmp_path: Path, biped: Character, standing: Clip
+) -> None:
+    down = np.eye(13)[2]
+    before = replace(standing, qpos=standing.qpos - 0.03 * down, path="a.npz")
+    save_baseline([validate(before, biped)], tmp_path / "b.json")
+    after = replace(standing, qpos=standing.qpos - 0.05 * down, path="a.npz")
+    judged = apply_baseline(validate(after, biped), load_baseline(tmp_path / "b.json"))
+    assert "CON001" in {f.code for f in judged.findings}
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"schema": "x"}', '{"accepted": [1]}'])
+def test_broken_baseline_is_refused(tmp_path: Path, text: str) -> None:
+    with pytest.raises(InputError):
+        load_baseline(write(tmp_path / "b.json", text))
+    with pytest.raises(InputError):
+        load_baseline(tmp_path / "none.json")
+
+
+def test_several_clips_in_order_on_threads(biped: Character, standing: Clip, hop: Clip) -> None:
+    clips = [standing, hop, standing]
+    alone = [json.dumps(validate(c, biped).to_dict()) for c in clips]
+    together = [json.dumps(r.to_dict()) for r in validate_many(clips, biped, workers=2)]
+    assert alone == together
+
+
+def test_literature_numbers_carry_their_caution(biped: Character, hop: Clip) -> None:
+    report = validate(hop, biped, settings=Settings(also_literature=True))
+    assert {"physdiff_float_mm", "physdiff_penetrate_mm", "physdiff_skate_mm"} <= set(
+        report.literature
+    )
+    assert {"edge_pfc", "holosoma_sliding_fraction"} <= set(report.literature)
+    assert all(entry["caution"] and entry["definition"] for entry in report.literature.values())
+    assert report.literature["physdiff_penetrate_mm"]["value"] < 5
+    assert report.literature["physdiff_float_mm"]["value"] > 0  # the jump counts as floating
