@@ -113,7 +113,8 @@ class Stage:
             start = origin + offset
             geom = _extra(scene, mujoco.mjtGeom.mjGEOM_ARROW, FORCE_RGBA)
             if geom is not None:
-                end = start + FORCE_SCALE * figure.height * vector
+                drawn = FORCE_SCALE * figure.height * drawn_weights(length)
+                end = start + drawn * vector / length
                 width = 0.014 * figure.height
                 mujoco.mjv_connector(geom, mujoco.mjtGeom.mjGEOM_ARROW, width, start, end)
 
@@ -132,6 +133,14 @@ class Stage:
             mujoco.mju_rotVecQuat(place, contacts.local[k], self.data.mocap_quat[at])
             geom.pos[:] = place + self.data.mocap_pos[at]
             geom.size[:] = 0.016 * figure.height
+
+
+def drawn_weights(bw: float) -> float:
+    """Length of an arrow in drawn body weights: beyond two it grows with the logarithm.
+
+    Landings reach ten body weights and more; an arrow as long would leave every picture.
+    """
+    return bw if bw <= 2.0 else 2.0 + float(np.log(bw / 2.0))
 
 
 def _extra(

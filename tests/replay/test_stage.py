@@ -11,7 +11,7 @@ import pytest
 
 from physretarget.errors import MissingExtraError, PhysretargetError, UsageError
 from physretarget.replay import gl, video, window
-from physretarget.replay.stage import Stage
+from physretarget.replay.stage import Stage, drawn_weights
 
 
 def test_bodies_stand_where_the_track_says(scene) -> None:
@@ -56,6 +56,13 @@ def test_arrows_and_contacts_are_added(scene) -> None:
         picture.ngeom = 0
         stage.draw_over(picture, frame, everyone)
         assert picture.ngeom == count
+
+
+def test_long_arrows_are_drawn_shorter_but_never_in_another_order() -> None:
+    lengths = [drawn_weights(bw) for bw in np.linspace(0, 30, 400)]
+    assert (np.diff(lengths) > 0).all()
+    assert drawn_weights(1.5) == 1.5
+    assert drawn_weights(14.0) < 4.0
 
 
 def test_split_scenes_have_a_view_each(scene) -> None:

@@ -12,7 +12,7 @@
   const SPEEDS = [0.1, 0.25, 0.5, 1, 2];
   const LAYOUTS = { split: "Side by side", stage: "One stage", overlay: "Overlaid" };
   const TOGGLES = [
-    ["forces", "Forces", "Contact forces as arrows (F)"],
+    ["forces", "Forces", "Contact forces as arrows (F); beyond 2 body weights their length grows with the logarithm"],
     ["contacts", "Contacts", "Contact points, green while they stand (C)"],
     ["trail", "CoM trail", "Path of the centre of mass (T)"],
     ["ghost", "Ghost", "Where it was and will be (G)"],

@@ -175,6 +175,9 @@
     }
   }
 
+  /** Landings reach ten body weights and more: beyond two, an arrow grows with the logarithm. */
+  const drawnWeights = (bw) => (bw <= 2 ? bw : 2 + Math.log(bw / 2));
+
   // ---- things drawn over a figure: contacts, forces, trail, ghosts ---------------------------
   class Overlay {
     constructor(figure, meshes) {
@@ -281,7 +284,7 @@
         const size = pull.length();
         arrow.visible = on && size > 0.01;
         if (!arrow.visible) return;
-        const length = 0.45 * this.figure.height * size; // one body weight: 0.45 of the height
+        const length = 0.45 * this.figure.height * drawnWeights(size); // one BW: 0.45 of the height
         arrow.position.set(...forces.origin.subarray(at, at + 3));
         arrow.quaternion.setFromUnitVectors(up, pull.normalize());
         arrow.shaft.scale.y = Math.max(length - arrow.headLength, 1e-4);
