@@ -46,7 +46,7 @@ class RetargetSettings:
 
     until: Stage = "physical"
     physics: ocp.Preset = "default"
-    heading: momentum.Heading = "momentum"
+    heading: momentum.Heading = "actor"
     fps: float | None = None
     max_fps: float = 60.0
     lowpass_hz: float | None = 6.0

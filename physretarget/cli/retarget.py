@@ -90,7 +90,7 @@ def retarget_command(
     ] = "default",
     heading: Annotated[
         str, typer.Option("--heading", help="Where yaw comes from.", **complete(HEADINGS))
-    ] = "momentum",
+    ] = "actor",
     contacts: Annotated[
         Path | None,
         typer.Option("--contacts", help="Contact phases set by hand (TOML).", metavar="FILE"),

@@ -15,6 +15,9 @@ from physretarget.mjcf.dynamics import (
     momentum,
     required_wrench,
 )
+from physretarget.mjcf.quiet import log_warnings
+
+log_warnings()
 
 __all__ = [
     "Character",

@@ -79,7 +79,7 @@ def retarget_data(result: Retargeted, mapper: TrainedMapper, report: Report) -> 
         momentum=_momentum(result),
         force=_forces(result),
         latent=_latent(result, mapper),
-        pose_variance=_standard_deviation(result),
+        pose_variance=_variance(result),
         numbers=_numbers(result, report),
         report=report,
         notes=result.notes,
@@ -158,9 +158,9 @@ def _latent(result: Retargeted, mapper: TrainedMapper) -> tuple[LatentMap, ...]:
     )
 
 
-def _standard_deviation(result: Retargeted) -> Array | None:
+def _variance(result: Retargeted) -> Array | None:
     variance = result.mapped.variance
-    return None if np.isnan(variance).all() else np.sqrt(variance)
+    return None if np.isnan(variance).all() else variance
 
 
 def _numbers(result: Retargeted, report: Report) -> tuple[KeyNumber, ...]:
