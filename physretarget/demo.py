@@ -71,13 +71,17 @@ def run(out: str | Path, *, progress: Progress) -> tuple[Path, tuple[Shown, ...]
         result = retarget(
             capture.load(motions / file),
             mapper,
-            progress=lambda stage, name=name: progress(f"{name}: {stage}"),
+            progress=_prefixed(progress, name),
         )
         progress(f"{name}: judge and report")
         report = validate(result.clip, character)
         page = write_retarget_report(result, mapper, report, out / name)
         shown.append(Shown(name=name, page=page, result=result, report=report))
     return write_index([_card(each) for each in shown], out), tuple(shown)
+
+
+def _prefixed(progress: Progress, name: str) -> Progress:
+    return lambda stage: progress(f"{name}: {stage}")
 
 
 def _card(shown: Shown) -> Card:

@@ -103,7 +103,8 @@ def _arrows(result: Retargeted) -> Forces | None:
     place = kinematics.points(pose, character.contacts.body, character.contacts.local)
     share = contacted.active / np.maximum(contacted.active.sum(axis=1, keepdims=True), 1)
     origin = np.einsum("tc,tci->ti", share, place)
-    force = np.where(contacted.active.any(axis=1)[:, None], physical.contact_after, 0.0)
+    standing = np.any(contacted.active, axis=1, keepdims=True)
+    force = np.where(standing, physical.contact_after, 0.0)
     return Forces(origin[:, None], force[:, None] / character.weight)
 
 
