@@ -1,0 +1,33 @@
+"""Ground truth: forces predicted from motion alone against force plates.
+
+    markers (.trc) ─▶ actor ─▶ inverse dynamics ─▶ required force ┐
+    plates (.mot) ──────────▶ the same filter ───▶ measured force ┴▶ Comparison ─▶ page
+
+``python -m physretarget.groundtruth FOLDER --out docs/ground-truth.md`` writes the page.
+"""
+
+from __future__ import annotations
+
+from physretarget.groundtruth.compare import Agreement, Comparison, compare
+from physretarget.groundtruth.contacts import ContactTiming, contact_timing
+from physretarget.groundtruth.coverage import Coverage, coverage, loaded_feet
+from physretarget.groundtruth.explain import Unexplained, by_fitted_forces, by_measured_forces
+from physretarget.groundtruth.trial import Trial, load_trial, load_trials, standing_weight
+
+__all__ = [
+    "Agreement",
+    "Comparison",
+    "ContactTiming",
+    "Coverage",
+    "Trial",
+    "Unexplained",
+    "by_fitted_forces",
+    "by_measured_forces",
+    "compare",
+    "contact_timing",
+    "coverage",
+    "load_trial",
+    "load_trials",
+    "loaded_feet",
+    "standing_weight",
+]
