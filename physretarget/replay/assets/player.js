@@ -149,10 +149,10 @@
       if (!this.shows.follow) reach = Math.max(reach, ...shown.map((f) => 0.6 * f.extent()));
       // A wide group is looked at lower than a tall figure of that size would be.
       const low = 0.6 * (reach - height) + (places.length > 1 && spread ? 0.16 * height : 0);
-      return { x: at.x, y: at.y, z: -low, size: reach };
+      return { x: at.x, y: at.y, z: -low, size: reach, group: places.length > 1 && spread };
     }
     viewFrom(subject, aspect) {
-      const lens = this.lens, wide = aspect < 0.8 ? 0.8 / aspect : 1;
+      const lens = this.lens, need = subject.group ? 1.3 : 0.8, wide = Math.max(need / aspect, 1);
       lens.position.copy(this.orbit.position).sub(this.controls.target).multiplyScalar(wide)
         .add(this.controls.target).multiplyScalar(subject.size);
       lens.position.add(subject);
