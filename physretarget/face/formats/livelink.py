@@ -1,0 +1,159 @@
+"""Live Link Face CSV: ARKit's 52 blend shapes plus head and eye rotations, row by timecode.
+
+A trap: the timecode ``HH:MM:SS:FF.sss`` counts frames of the clock's rate, which is not the rate
+of the rows: a 30 Hz take may count 60ths and skip every other number. So the clock's rate is read
+from the largest frame number seen, the rows' rate from the median distance of timecodes, and the
+take is resampled onto that uniform rate, which also fills dropped frames.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from dataclasses import dataclass
+from os import PathLike
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physretarget.errors import InputError
+from physretarget.face.formats.source import Source
+from physretarget.face.shot import Take
+
+_TIMECODE = re.compile(r"\s*(\d{1,2}):(\d{1,2}):(\d{1,2})[:;](\d{1,3}(?:\.\d{1,9})?)\s*")
+_CLOCKS = (24.0, 25.0, 30.0, 48.0, 50.0, 60.0, 100.0, 120.0)
+_DAY = 86400.0
+_LONGEST = 1_000_000  # frames after resampling: more than four hours at 60 Hz
+
+
+@dataclass(frozen=True)
+class _Rows:
+    seconds: NDArray[np.float64]  # whole seconds of the timecode
+    frames: NDArray[np.float64]  # frame part of the timecode
+    values: NDArray[np.float64]
+
+
+def is_livelink(source: Source) -> bool:
+    """Whether the first line is Live Link's header."""
+    return source.content[:200].lstrip(b"\xef\xbb\xbf").lower().startswith(b"timecode,blendshape")
+
+
+def read_livelink(
+    path: str | PathLike[str] | Source, *, fps: float | None = None, clock: float | None = None
+) -> Take:
+    """Read a take.
+
+    Args:
+        path: the CSV.
+        fps: resample to this rate; the rows' own by default.
+        clock: frames per second that the timecode counts, where the file cannot tell.
+
+    Raises:
+        InputError: with the line, when the table is broken.
+    """
+    source = path if isinstance(path, Source) else Source.open(path)
+    header, rows = _parse(source)
+    rate = clock if clock is not None else _clock(rows, source)
+    time, kept, notes = _timeline(rows, rate, source)
+    step = float(np.median(np.diff(time)))
+    own = _nice_rate(1.0 / step)
+    dropped = int(np.sum(np.round(np.diff(time) / step) - 1))
+    if dropped:
+        notes.append(f"{dropped} dropped frames were filled linearly.")
+    notes.append(f"Timecode counts {rate:g} per second, rows come at {own:g} Hz.")
+    target = own if fps is None else fps
+    grid = _grid(time, target, source)
+    values = rows.values[kept]
+    columns = [np.interp(grid, time, column) for column in values.T]
+    return Take(source.name, grid, header, np.stack(columns, axis=1), source.sha256, tuple(notes))
+
+
+def _grid(time: NDArray[np.float64], fps: float, source: Source) -> NDArray[np.float64]:
+    if not (np.isfinite(fps) and fps > 0):
+        raise InputError(f"a frame rate of {fps:g} is not usable.", path=source.path)
+    count = int(np.floor(time[-1] * fps + 0.5)) + 1
+    if count > _LONGEST:
+        raise InputError(
+            f"its timecodes span {time[-1]:.0f} s, {count} frames at {fps:g} Hz; "
+            f"at most {_LONGEST} are read.",
+            path=source.path,
+        )
+    return np.arange(max(count, 2)) / fps
+
+
+def _parse(source: Source) -> tuple[tuple[str, ...], _Rows]:
+    reader = csv.reader(io.StringIO(source.text()))
+    try:
+        lines = [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
+    except csv.Error as error:
+        raise InputError(f"broken CSV: {error}.", path=source.path, line=reader.line_num) from error
+    if not lines or len(lines[0][1]) < 3 or lines[0][1][0].strip().lower() != "timecode":
+        raise InputError(
+            "no Live Link header (Timecode,BlendShapeCount,…).", path=source.path, line=1
+        )
+    header = tuple(cell.strip() for cell in lines[0][1][2:])
+    if len(set(header)) != len(header) or "" in header:
+        raise InputError(
+            "a channel name is missing or twice in the header.", path=source.path, line=1
+        )
+    if len(lines) < 3:
+        raise InputError("fewer than two frames.", path=source.path)
+    parsed = [_row(source, line, row, len(header)) for line, row in lines[1:]]
+    seconds, frames, values = zip(*parsed, strict=True)
+    return header, _Rows(np.array(seconds), np.array(frames), np.array(values, dtype=np.float64))
+
+
+def _row(source: Source, line: int, row: list[str], width: int) -> tuple[float, float, list[float]]:
+    if len(row) != width + 2:
+        raise InputError(
+            f"{len(row)} columns where the header has {width + 2}.", path=source.path, line=line
+        )
+    match = _TIMECODE.fullmatch(row[0])
+    if match is None:
+        raise InputError(
+            f"{row[0][:40]!r} is not a timecode HH:MM:SS:FF.", path=source.path, line=line
+        )
+    hours, minutes, seconds = (int(g) for g in match.groups()[:3])
+    try:
+        values = [float(cell) for cell in row[2:]]
+    except ValueError as error:
+        raise InputError(f"not a number: {error}.", path=source.path, line=line) from error
+    if not np.isfinite(values).all():
+        raise InputError("a value is not finite.", path=source.path, line=line)
+    return 3600.0 * hours + 60.0 * minutes + seconds, float(match.group(4)), values
+
+
+def _clock(rows: _Rows, source: Source) -> float:
+    """The slowest usual clock that can count to the largest frame number seen."""
+    largest = float(np.floor(rows.frames.max()))
+    if len(np.unique(rows.seconds)) > 2:
+        return next((c for c in _CLOCKS if c > largest), largest + 1.0)
+    return next((c for c in (30.0, 60.0, 120.0) if c > largest), largest + 1.0)
+
+
+def _timeline(
+    rows: _Rows, clock: float, source: Source
+) -> tuple[NDArray[np.float64], NDArray[np.bool_], list[str]]:
+    if rows.frames.max() >= clock + 1:
+        raise InputError(
+            f"frame numbers reach {rows.frames.max():g}, more than a clock of {clock:g} counts.",
+            path=source.path,
+        )
+    time = rows.seconds + rows.frames / clock
+    notes = []
+    jumps = np.diff(time) < -_DAY / 2  # past midnight
+    time[1:] += _DAY * np.cumsum(jumps)
+    kept = np.ones(len(time), dtype=bool)
+    latest = np.maximum.accumulate(time)
+    kept[1:] = time[1:] > latest[:-1] + 1e-9
+    if not kept.all():
+        notes.append(f"{int((~kept).sum())} rows whose timecode does not advance were left out.")
+    if kept.sum() < 2:
+        raise InputError("timecodes do not advance.", path=source.path)
+    return time[kept] - time[kept][0], kept, notes
+
+
+def _nice_rate(rate: float) -> float:
+    nearest = min((24.0, 25.0, 30.0, 48.0, 50.0, 60.0, 100.0, 120.0), key=lambda c: abs(c - rate))
+    return nearest if abs(nearest - rate) < 0.02 * nearest else rate
