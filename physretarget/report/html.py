@@ -326,7 +326,7 @@ def _variance_plots(data: RetargetReport) -> list[Chart]:
         Chart(
             id="variance",
             title="Uncertainty of the mapped pose",
-            unit="",
+            unit="m",
             series=(line,),
             note="high where no key pose is near: pose a frame there next",
         )

@@ -79,7 +79,7 @@ def retarget_data(result: Retargeted, mapper: TrainedMapper, report: Report) -> 
         momentum=_momentum(result),
         force=_forces(result),
         latent=_latent(result, mapper),
-        pose_variance=_variance(result),
+        pose_variance=_standard_deviation(result),
         numbers=_numbers(result, report),
         report=report,
         notes=result.notes,
@@ -159,9 +159,10 @@ def _latent(result: Retargeted, mapper: TrainedMapper) -> tuple[LatentMap, ...]:
     )
 
 
-def _variance(result: Retargeted) -> Array | None:
+def _standard_deviation(result: Retargeted) -> Array | None:
+    """Of each coordinate of the mapped features (T,), m; None where the mapper knows none."""
     variance = result.mapped.variance
-    return None if np.isnan(variance).all() else variance
+    return None if np.isnan(variance).all() else np.sqrt(variance)
 
 
 def _numbers(result: Retargeted, report: Report) -> tuple[KeyNumber, ...]:
