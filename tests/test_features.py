@@ -86,3 +86,17 @@ def test_to_world_undoes_to_local() -> None:
 def test_front_along_up_is_refused() -> None:
     with pytest.raises(InputError, match="must differ"):
         local_frame(np.zeros((1, 3)), np.eye(3)[None], UP, UP)
+
+
+def test_a_recorded_backflip_never_turns_the_heading_round() -> None:
+    from pathlib import Path
+
+    from physretarget import capture
+
+    folder = Path(pytest.importorskip("pybullet_data").getDataPath()) / "data" / "motions"
+    motion = capture.load(folder / "humanoid3d_backflip.txt")
+    rotation = Rotation.from_quat(motion.qpos[:, 3:7], scalar_first=True).as_matrix()
+    assert rotation[:, 2, 2].min() < -0.8  # upside down it is
+    yaw = local_frame(motion.qpos[:, :3], rotation, FRONT, UP).yaw
+    assert np.abs(np.diff(yaw)).max() < 0.5
+    assert np.ptp(yaw) < 1.0
