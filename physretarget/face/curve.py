@@ -290,8 +290,8 @@ def _bezier(points: Array, u: Array) -> Array:
 def solve_time(x: ArrayLike, x1: ArrayLike, x2: ArrayLike) -> Array:
     """Parameter u with Bézier time ``x(u) = x``, time control points 0, x1, x2, 1.
 
-    The answer is unique where x(u) is monotone, as x1, x2 within [0, 1] always are. Newton steps inside a
-    shrinking bracket: a step that leaves the bracket is replaced by halving it, so that flat
+    The answer is unique where x(u) is monotone, as x1, x2 within [0, 1] always are. Newton
+    steps inside a shrinking bracket: one that leaves it is replaced by halving, so that flat
     stretches (x1 = 1, x2 = 0) cannot throw it off.
     """
     target, a, b = np.broadcast_arrays(*(np.asarray(v, np.float64) for v in (x, x1, x2)))

@@ -354,15 +354,28 @@ def _keyframes(name: str, curve: Curve, rate: float, losses: list[str]) -> list[
 
 
 def _without_level_spans(curve: Curve) -> Curve:
-    if len(curve.keys) < 2:
-        return curve
-    controls = curve.controls
-    rise = np.abs(controls[:, 3, 1] - controls[:, 0, 1])
-    bulge = np.abs(controls[:, 1:3, 1] - controls[:, [0, 3], 1]).max(axis=1)
-    times = []
-    for k in np.flatnonzero(rise < 1e-6 * bulge):
-        if curve.keys[k].out_type in ("stepped", "stepped_next"):
-            continue
-        basis = _bernstein(np.array([0.4]))[0]  # at 0.5 an S-shaped span passes its ends' level
-        times.append(float(basis @ controls[k, :, 0]))
-    return curve.with_keys_at(times)
+    """Keys added where a span has no Lottie easing: level ends, or tangents beyond the span."""
+    for _ in range(4):
+        if len(curve.keys) < 2:
+            break
+        controls = curve.controls
+        rise = np.abs(controls[:, 3, 1] - controls[:, 0, 1])
+        bulge = np.abs(controls[:, 1:3, 1] - controls[:, [0, 3], 1]).max(axis=1)
+        x = (controls[:, :, 0] - controls[:, :1, 0]) / (controls[:, 3:, 0] - controls[:, :1, 0])
+        beyond = (x[:, 1] > 1 + 1e-9) | (x[:, 2] < -1e-9)
+        stepped = np.array([k.out_type.startswith("stepped") for k in curve.keys[:-1]])
+        asked = np.flatnonzero(((rise < 1e-6 * bulge) | beyond) & ~stepped)
+        if not len(asked):
+            break
+        curve = curve.with_keys_at(_parting(controls[k, :, 0]) for k in asked)
+    return curve
+
+
+def _parting(times: Array) -> float:
+    """Where to part a span: at its steepest point if tangents cross, so that they end inside.
+
+    Else at 0.4 of the parameter, as at 0.5 an S-shaped span passes its ends' level.
+    """
+    a, b, c = np.diff(times)
+    u = (a - b) / (a - 2 * b + c) if b < 0 else 0.4
+    return float(_bernstein(np.array([u]))[0] @ times)

@@ -71,7 +71,7 @@ def _uniform(source: Source, header: tuple[str, ...], table: NDArray[np.float64]
     if time[-1] / step > 1_000_000:
         raise InputError("more than a million frames after resampling.", path=source.path)
     notes: tuple[str, ...] = ()
-    grid: NDArray[np.float64] = np.arange(int(np.floor(time[-1] / step + 0.5)) + 1) * step
+    grid = np.asarray(step * np.arange(int(np.floor(time[-1] / step + 0.5)) + 1), np.float64)
     values = table[:, 1:]
     if len(grid) != len(time) or np.abs(grid - time).max() > 1e-3 * step:
         notes = (f"Uneven times were resampled at {1 / step:g} Hz.",)
