@@ -52,6 +52,8 @@ def detect_format(path: str | Path) -> str:
         return "deepmimic"
     if ending in (".bvh", ".c3d", ".trc", ".amc"):
         return ending[1:]
+    if not head:
+        raise InputError("The file is empty.", path=path)
     known = "; ".join(FORMATS.values())
     raise InputError(
         f"Unknown capture format {ending or 'without ending'!r}: known are {known}.", path=path
@@ -71,6 +73,8 @@ def read(
     ``skeleton`` is the ASF file of an AMC motion. InputError for what cannot be used.
     """
     kind = detect_format(path)
+    if Path(path).stat().st_size == 0:
+        raise InputError("The file is empty.", path=path)
     if skeleton is not None and kind != "amc":
         raise UsageError("A skeleton is for AMC motions alone; other captures bring their own.")
     if kind == "bvh":
@@ -109,6 +113,7 @@ def load(
         raise UsageError(f"The frame rate is {fps:g}; it must lie between 1 and 1000 per second.")
     recording = read(path, unit=unit, up=up, skeleton=skeleton)
     if isinstance(recording, JointRecording):
+        _refuse_nan(recording)
         if max_seconds is not None:
             recording = _start_of_joints(recording, max_seconds)
         motion = fit_joints(recording, mass=mass)
@@ -119,6 +124,20 @@ def load(
             recording = _start_of_markers(recording, max_seconds)
         motion = fit_markers(recording, mass=mass)
     return motion.resampled(fps) if fps is not None else motion
+
+
+def _refuse_nan(recording: JointRecording) -> None:
+    """A skeleton file has no gaps as markers have: a NaN in it is damage, which is named."""
+    pose = np.concatenate([recording.position[..., None], recording.rotation], axis=3)
+    bad = np.isnan(pose.sum(axis=(2, 3)))
+    if bad.any():
+        frame, joint = (int(i) for i in np.argwhere(bad)[0])
+        raise InputError(
+            f"joint {recording.names[joint]!r} is not a number; "
+            f"{len(np.unique(np.argwhere(bad)[:, 0]))} of {len(bad)} frames are damaged so.",
+            path=recording.source.path,
+            frame=frame,
+        )
 
 
 def _kept(time: np.ndarray[tuple[int, ...], np.dtype[np.float64]], seconds: float) -> int:

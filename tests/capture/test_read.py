@@ -84,3 +84,13 @@ def test_options_are_obeyed(data: Path) -> None:
 def test_same_file_same_numbers(data: Path) -> None:
     path = data / "bvh" / "bandai" / "dataset-1_run_angry_001.bvh"
     assert load(path).qpos.tobytes() == load(path).qpos.tobytes()
+
+
+def test_a_skeleton_file_with_nan_is_refused_by_frame(data, tmp_path) -> None:
+    lines = next((data / "bvh" / "bandai").glob("*.bvh")).read_text().splitlines(keepends=True)
+    first = next(i for i, line in enumerate(lines) if line.startswith("Frame Time")) + 1
+    cells = lines[first + 30].split()
+    lines[first + 30] = " ".join([*cells[:7], "nan", *cells[8:]]) + "\n"
+    (tmp_path / "nan.bvh").write_text("".join(lines))
+    with pytest.raises(InputError, match=r"nan\.bvh, frame 30: joint '\w+' is not a number"):
+        load(tmp_path / "nan.bvh")
