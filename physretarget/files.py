@@ -33,13 +33,14 @@ def npz_bytes(arrays: Mapping[str, NDArray[Any]]) -> bytes:
 
 
 def write_file(path: str | os.PathLike[str], content: bytes) -> None:
-    """Write beside the place, then rename.
+    """Write beside the place, then rename; missing parent folders are made.
 
     Raises:
-        InputError: the folder is not there or not writable.
+        InputError: the folder cannot be made or written to.
     """
     target = Path(path)
     try:
+        target.parent.mkdir(parents=True, exist_ok=True)
         handle, beside = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
     except OSError as error:
         raise InputError(f"cannot be written: {error.strerror}.", path=target) from error

@@ -52,6 +52,15 @@ class RetargetSettings:
     lowpass_hz: float | None = 6.0
     seed: int = 0
 
+    def __post_init__(self) -> None:
+        if self.until not in STAGES:
+            raise UsageError(f"until is {self.until!r}; it is one of {', '.join(STAGES)}.")
+        for name, rate in (("frame rate", self.fps), ("highest frame rate", self.max_fps)):
+            if rate is not None and not 1 <= rate <= 1000:
+                raise UsageError(f"The {name} is {rate:g}; it must lie between 1 and 1000.")
+        if self.lowpass_hz is not None and not 0 < self.lowpass_hz < float("inf"):
+            raise UsageError(f"The low-pass is {self.lowpass_hz:g} Hz; it must be above 0.")
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Retargeted:
@@ -132,8 +141,6 @@ def retarget(
         InputError: no run of valid frames is long enough to differentiate.
     """
     settings = settings or RetargetSettings()
-    if settings.until not in STAGES:
-        raise UsageError(f"until is {settings.until!r}; it is one of {', '.join(STAGES)}.")
     watch = _Stopwatch(progress)
     character = mapper.character
 
@@ -240,7 +247,7 @@ def _prepare(
             "the others have no usable pose.",
         )
         motion = motion.cut(first, last)
-    fps = settings.fps or min(motion.fps, settings.max_fps)
+    fps = settings.fps if settings.fps is not None else min(motion.fps, settings.max_fps)
     if abs(fps - motion.fps) > 1e-6:
         notes += (f"Resampled from {motion.fps:g} to {fps:g} frames per second.",)
         motion = motion.resampled(fps)

@@ -78,7 +78,12 @@ class TrainedMapper:
         Raises:
             InputError: not a mapper file, or learned for another character.
         """
-        arrays = Members(Path(path).read_bytes(), path=str(path))
+        check_mobile(character)
+        try:
+            content = Path(path).read_bytes()
+        except OSError as error:
+            raise InputError(f"cannot be read: {error.strerror}.", path=path) from error
+        arrays = Members(content, path=str(path))
         try:
             header = json.loads(str(arrays["header"].item()))
             known = header["format"] == FORMAT
@@ -111,6 +116,16 @@ class TrainedMapper:
         )
 
 
+def check_mobile(character: Character) -> None:
+    """Raise InputError for a character without a free joint: nothing could move its root."""
+    if not character.has_root:
+        raise InputError(
+            f"model {character.name!r} has no free joint: a character that is retargeted to "
+            "moves through the world on one (<freejoint/> in its root body).",
+            path=character.path,
+        )
+
+
 def learn(
     character: Character,
     keyposes: KeyPoseSet,
@@ -127,7 +142,11 @@ def learn(
         mapper: one of :data:`physretarget.mapping.NAMES`.
         dims: dimension of the latent space (the paper's D_X = 30).
         seed: of the latent initialisation.
+
+    Raises:
+        InputError: the character is fixed in the world, so that no motion can carry it.
     """
+    check_mobile(character)
     y, z = training_pairs(keyposes, character)
     return TrainedMapper(
         character=character,

@@ -17,6 +17,7 @@ from physretarget.errors import PhysretargetError
 app = typer.Typer(
     name="physretarget",
     help="Human motion capture to non-humanoid characters, judged by physics.",
+    epilog="Example: physretarget demo",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,

@@ -9,10 +9,15 @@ import typer
 
 from physretarget.cli import app
 from physretarget.cli.common import command, progress, say
+from physretarget.errors import UsageError
 from physretarget.keyposes import check, load_keyposes, sheet
 from physretarget.mjcf import Character
 
-group = typer.Typer(help="Pairs of actor pose and character pose.", no_args_is_help=True)
+group = typer.Typer(
+    help="Pairs of actor pose and character pose.",
+    epilog="Example: physretarget keyposes check lamp.keyposes.toml --character lamp.xml",
+    no_args_is_help=True,
+)
 app.add_typer(group, name="keyposes")
 
 Files = Annotated[list[Path], typer.Argument(metavar="FILE...")]
@@ -45,8 +50,11 @@ def sheet_command(
     out: Annotated[Path, typer.Option("--out", metavar="SHEET.png")],
 ) -> None:
     """Draw every pair, actor beside character, into one picture."""
+    if out.suffix.lower() != ".png":
+        raise UsageError(f"--out is {str(out)!r}; the sheet is a picture that ends in .png.")
     model = Character.load(character)
     poses = load_keyposes(files, model)
+    out.parent.mkdir(parents=True, exist_ok=True)
     with progress("drawing"):
         sheet(poses, model, out)
     say(f"{out}: {len(poses)} pairs.")

@@ -16,7 +16,7 @@ from physretarget.mapping import NAMES
 from physretarget.mjcf import Character
 from physretarget.pipeline import STAGES, Retargeted, RetargetSettings, retarget
 from physretarget.report.retarget import write_retarget_report
-from physretarget.trained import TrainedMapper, learn
+from physretarget.trained import TrainedMapper, check_mobile, learn
 from physretarget.validation import validate
 
 HEADINGS = get_args(momentum.Heading)
@@ -47,7 +47,8 @@ def learn_command(
 ) -> None:
     """Learn a mapper from key poses once, to be reused by retarget --mapper."""
     one_of(mapper, NAMES, "--mapper")
-    trained = _learn(Character.load(character), keyposes, mapper, dims, seed)
+    _ends_in_npz(out)
+    trained = _learn(_mobile(character), keyposes, mapper, dims, seed)
     trained.save(out)
     say(f"{out}: {mapper} learned from {len(trained.names)} key poses.")
 
@@ -112,7 +113,7 @@ def retarget_command(
     ] = None,
     up: Annotated[
         str | None,
-        typer.Option("--up", help="The capture's up axis, if not to be guessed.", metavar="y|z"),
+        typer.Option("--up", help="The capture's up axis, if not to be guessed.", metavar="x|y|z"),
     ] = None,
     skeleton: Annotated[
         Path | None, typer.Option("--skeleton", help="ASF file of an AMC capture.")
@@ -127,7 +128,8 @@ def retarget_command(
     one_of(until, STAGES, "--until")
     one_of(physics, ocp.PRESETS, "--physics")
     one_of(heading, HEADINGS, "--heading")
-    model = Character.load(character)
+    targets = _targets(captures, out)
+    model = _mobile(character)
     trained = (
         TrainedMapper.load(mapper, model)
         if mapper.endswith(".npz")
@@ -142,12 +144,8 @@ def retarget_command(
         seed=seed,
     )
     phases = contact.read_phases(contacts) if contacts else None
-    several = len(captures) > 1 or out.is_dir()
-    if several:
-        out.mkdir(parents=True, exist_ok=True)
     failed = 0
-    for path in captures:
-        target = out / f"{path.stem}.npz" if several else out
+    for path, target in zip(captures, targets, strict=True):
         try:
             with progress(path.name) as step:
                 step("read")
@@ -156,10 +154,10 @@ def retarget_command(
                 result.clip.save(target)
                 if report:
                     step("report")
-                    folder = report / path.stem if several else report
+                    folder = report / path.stem if target != out else report
                     write_retarget_report(result, trained, validate(result.clip, model), folder)
         except PhysretargetError as error:
-            if not several:
+            if len(captures) == 1:
                 raise
             fail(error)
             failed += 1
@@ -167,6 +165,38 @@ def retarget_command(
         _tell(result, target)
     if failed:
         raise typer.Exit(2)
+
+
+def _mobile(character: Path) -> Character:
+    """The character, refused before anything else is read if it cannot move about."""
+    model = Character.load(character)
+    check_mobile(model)
+    return model
+
+
+def _ends_in_npz(out: Path) -> None:
+    if out.suffix.lower() != ".npz":
+        raise UsageError(f"--out is {str(out)!r}; it must end in .npz.")
+
+
+def _targets(captures: list[Path], out: Path) -> list[Path]:
+    """Where each capture's clip goes: the file told, or one in the folder told."""
+    if len(captures) == 1 and not out.is_dir():
+        if out.suffix.lower() != ".npz":
+            raise UsageError(
+                f"--out is {str(out)!r}; it must end in .npz or be a folder that is there."
+            )
+        return [out]
+    if out.suffix.lower() == ".npz" and not out.is_dir():
+        raise UsageError(f"--out is {str(out)!r}; several captures need a folder.")
+    targets = [out / f"{path.stem}.npz" for path in captures]
+    for path, target in zip(captures, targets, strict=True):
+        if targets.count(target) > 1:
+            raise UsageError(
+                f"{path.name} shares its name with another capture: "
+                f"both clips would be {target}, so give them folders of their own."
+            )
+    return targets
 
 
 def _named(
