@@ -348,22 +348,32 @@ def test_without_heading_keeps_features(lamp: Character) -> None:
 # -------------------------------------------------------------------------------- the shipped poses
 
 
-@pytest.mark.parametrize("files", [FREE, BANDAI, FREE + BANDAI])
-def test_shipped_poses_are_sound(lamp: Character, files: tuple[str, ...]) -> None:
-    poses = load_keyposes([MODELS / name for name in files], lamp)
+@pytest.mark.parametrize("name", ["lamp", "penguin", "squirrel"])
+@pytest.mark.parametrize("kinds", [("",), (".bandai-nc",), ("", ".bandai-nc")])
+def test_shipped_poses_are_sound(name: str, kinds: tuple[str, ...]) -> None:
+    character = Character.load(MODELS / f"{name}.xml")
+    poses = load_keyposes([MODELS / f"{name}{kind}.keyposes.toml" for kind in kinds], character)
     assert poses.remarks == ()  # posed on this very model
-    assert check(poses, lamp) == ()
-    assert len(poses) >= 24
+    assert check(poses, character) == ()
+    assert len(poses) >= 36
     assert len({pose.source for pose in poses.poses}) >= 4
 
 
+def test_all_styles_are_posed() -> None:
+    for name in ("lamp", "penguin", "squirrel"):
+        text = (MODELS / f"{name}.bandai-nc.keyposes.toml").read_text()
+        for style in ("angry", "happy", "sad", "tired", "not-confident", "normal"):
+            assert text.count(f'name = "{style}-') >= 5, (name, style)
+
+
 def test_files_state_their_licences() -> None:
-    for name in BANDAI:
-        assert "CC BY-NC 4.0" in (MODELS / name).read_text().splitlines()[1]
-    for name in FREE:
-        text = (MODELS / name).read_text()
-        assert "zlib" in text.splitlines()[1]
-        assert "dataset-1" not in text  # nothing from the non-commercial captures
+    for path in sorted(MODELS.glob("*.keyposes.toml")):
+        text = path.read_text()
+        if ".bandai-nc." in path.name:
+            assert "CC BY-NC 4.0" in text.splitlines()[1]
+        else:
+            assert "zlib" in text.splitlines()[1]
+            assert "dataset-1" not in text  # nothing from the non-commercial captures
 
 
 def test_the_jump_squashes_stretches_and_flies(lamp: Character) -> None:
