@@ -30,9 +30,11 @@ Ints = NDArray[np.int64]
 CHUNK = 1024
 # Frames beyond a chunk's ends that differences of third order reach, on top of a window.
 _HALO = 6
+_FORGOTTEN_PERIODS = 10
 # Beyond this the time axis is not uniform (rounding of text files stays below).
 _UNIFORM = 1e-3
-_TOLERANCE, _TOLERANCE_OF_HEIGHT = 0.02, 0.03
+# 3 % of the CoM height, within 1 and 2 cm: soles of robots and captures lie that far off.
+_TOLERANCE_OF_HEIGHT, _TOLERANCE_M = 0.03, (0.01, 0.02)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,11 +113,10 @@ def analyse(clip: Clip, character: Character, settings: Settings) -> Analysis:
     """
     time, raw, uneven = _uniform(clip, character)
     fps = (len(time) - 1) / float(time[-1] - time[0]) if len(time) > 1 else 0.0
-    judged = raw
-    if settings.lowpass_hz is not None and len(time) > 1:
-        judged = lowpass(character, raw, fps, settings.lowpass_hz)
     height = max(character.com_height, 1e-3)
-    tolerance = settings.contact_tolerance_m or min(_TOLERANCE, _TOLERANCE_OF_HEIGHT * height)
+    tolerance = settings.contact_tolerance_m
+    if tolerance is None:
+        tolerance = float(np.clip(_TOLERANCE_OF_HEIGHT * height, *_TOLERANCE_M))
     friction = settings.friction or character.friction
     work = Workspace.build(character, tolerance=tolerance, friction=friction)
     kept: list[dict[str, NDArray[np.generic]]] = []
@@ -124,15 +125,29 @@ def analyse(clip: Clip, character: Character, settings: Settings) -> Analysis:
         last = min(first + CHUNK, len(time))
         start, stop = max(0, first - halo), min(len(time), last + halo)
         chunk = Chunk(
-            qpos=judged[start:stop], raw=raw[start:stop], time=time[start:stop],
-            keep=slice(first - start, last - start),
+            qpos=_filtered(character, raw, fps, settings.lowpass_hz, start, stop),
+            raw=raw[start:stop], time=time[start:stop], keep=slice(first - start, last - start),
         )  # fmt: skip
         kept.append(analyse_chunk(work, chunk))
-    series = {name: np.concatenate([part[name] for part in kept]) for name in kept[0]}
+    names = list(kept[0])
+    series = {name: np.concatenate([part.pop(name) for part in kept]) for name in names}
     return Analysis(
         clip=clip, character=character, settings=settings, time=time, fps=fps,
         tolerance=tolerance, friction=friction, raw=raw, work=work, series=series, uneven=uneven,
     )  # fmt: skip
+
+
+def _filtered(
+    character: Character, raw: Floats, fps: float, hz: float | None, start: int, stop: int
+) -> Floats:
+    """Frames start to stop of the filtered clip, as if it had been filtered as a whole."""
+    if hz is None or len(raw) < 2:
+        return raw[start:stop]
+    # The filter forgets by exp(-2 pi hz t / sqrt(2)): 1e-19 after ten periods.
+    reach = math.ceil(_FORGOTTEN_PERIODS * fps / hz)
+    before, behind = max(0, start - reach), min(len(raw), stop + reach)
+    smooth = lowpass(character, raw[before:behind], fps, hz)
+    return smooth[start - before : stop - before]
 
 
 def _uniform(clip: Clip, character: Character) -> tuple[Floats, Floats, Floats]:

@@ -5,6 +5,8 @@ say where):
 
 * ``required_force`` (T, 3) BW, ``required_moment`` (T, 3) BW h about the CoM: what the floor
   must supply; ``root_acceleration`` m/s^2
+* ``step`` rad or m since the frame before, ``leap_linear`` m/s, ``leap_angular`` rad/s faster
+  than the frames around (all unfiltered)
 * ``joint_speed`` rad/s or m/s; ``limit_excess`` rad or m beyond a joint's range (unfiltered)
 * ``jerk`` dimensionless, windowed; ``jitter`` the same without single shocks
 * ``lowest`` m above the floor of what may touch, ``deepest`` of all collision geometry;
@@ -12,6 +14,7 @@ say where):
 * ``unexplained_force`` BW, ``unexplained_moment`` BW h: what no contact force explains;
   ``contact_force`` (T, 3) BW: what was found
 * ``friction_demand`` 1, ``cop_outside`` m, NaN where nothing is supported
+* ``arrow_origin``, ``arrow_force`` (T, 4, 3) m and BW: the largest contact forces, to be drawn
 * ``skate`` m/s, ``skate_free`` the part of it that friction does not brake
 * ``torque_ratio`` 1, share of a joint's limit; ``self_penetration`` m
 """
@@ -28,6 +31,7 @@ from physretarget.mjcf import Character, derivatives, required_wrench
 from physretarget.validation.cones import fit_forces
 from physretarget.validation.contacts import (
     Touch,
+    arrows,
     body_motion,
     cop_outside,
     find_touch,
@@ -37,6 +41,7 @@ from physretarget.validation.contacts import (
 from physretarget.validation.geometry import Candidates, candidates, collision_geoms, of_geoms
 from physretarget.validation.selfcollision import SelfCollision
 from physretarget.validation.smoothness import windowed_jerk
+from physretarget.validation.steps import judge_steps
 from physretarget.validation.torque import TorqueLimits, contact_torque
 
 Floats = NDArray[np.float64]
@@ -95,12 +100,12 @@ def analyse_chunk(work: Workspace, chunk: Chunk) -> Series:
     qvel, qacc = derivatives(character, chunk.qpos, chunk.time)
     pose = kinematics.forward(character.tree, chunk.qpos)
     keep = chunk.keep
-    series: Series = {}
+    step = float(chunk.time[1] - chunk.time[0]) if len(chunk.time) > 1 else 1.0
+    series = judge_steps(character.tree, chunk.raw, 1 / step, keep)
     _joints(series, work, chunk, qvel)
     series |= windowed_jerk(pose.position[:, character.bodies], chunk.time, keep, character)
     here = kinematics.Pose(pose.position[keep], pose.rotation[keep])
     series |= work.collision.judge(chunk.qpos[keep])
-    step = float(chunk.time[1] - chunk.time[0]) if len(chunk.time) > 1 else 1.0
     touch = None
     if len(work.points):
         touch = find_touch(work.points, here, character.floor_height, work.tolerance)
@@ -176,6 +181,7 @@ def _forces(
     series["cop_outside"] = cop_outside(
         touch, force, moment * height, wrench.com, character.floor_height
     )
+    series |= arrows(touch, fit.force)
     series |= skate(touch, fit.force, velocity, work.friction)
     held = contact_torque(character, poses[1], touch, fit.force * weight)
     _torques(series, work, wrench.joint_torque - held)

@@ -25,8 +25,8 @@ class Settings:
     """How to judge.
 
     ``lowpass_hz`` filters the clip before anything is differentiated (None: not at all).
-    ``contact_tolerance_m``: points this close to the floor touch; None: 2 cm, or 3 % of the
-    model's CoM height where that is less. ``friction`` overrides the model's. ``select`` and
+    ``contact_tolerance_m``: points this close to the floor touch; None: 3 % of the model's CoM
+    height, at least 1 and at most 2 cm. ``friction`` overrides the model's. ``select`` and
     ``ignore`` are codes or their beginnings ("DYN"). ``limits`` maps a code to limit names to
     values, ``severity`` a code to its severity. ``also_literature`` adds other tools' numbers.
     """

@@ -25,6 +25,7 @@ _COMPASS = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)])
 LOADED_BW, LOADED_SHARE = 0.1, 0.25
 # Sliding is braked when friction takes this share of the power that the cone allows.
 BRAKED = 0.7
+_ARROWS = 4
 # The fit prefers resting points: one that slides at this speed (m/s) costs twice as much. The
 # dearest still moves the residual by less than a few hundredths of the force it would bear.
 _SLOW = 0.02
@@ -195,6 +196,31 @@ def skate(touch: Touch, force: Floats, velocity: Floats, friction: float) -> Ser
         body[slides > worst] = candidate
         worst = np.maximum(worst, slides)
     return {"skate": worst, "skate_free": free, "skate_body": body}
+
+
+def arrows(touch: Touch, force: Floats) -> Series:
+    """The four largest forces on bodies: where they act (T, 4, 3) m and their size (T, 4, 3) BW.
+
+    Zero where fewer bodies bear load.
+    """
+    frames = len(force)
+    bearing = [int(b) for i, b in enumerate(touch.bodies) if touch.on[:, i].any()]
+    place = np.zeros((frames, max(len(bearing), _ARROWS), 3))
+    size = np.zeros_like(place)
+    for k, body in enumerate(bearing):
+        own = np.where((touch.mask & (touch.body == body))[..., None], force, 0.0)
+        size[:, k] = own.sum(axis=1)
+        load = own[..., 2]
+        total = load.sum(axis=1, keepdims=True)
+        share = load / np.where(total > 0, total, 1.0)
+        place[:, k] = np.einsum("tn,tni->ti", share, touch.position)
+    order = np.argsort(-size[..., 2], axis=1, kind="stable")[:, :_ARROWS]
+    rows = np.arange(frames)[:, None]
+    # Drawn, not computed with: single precision keeps an hour's clip small.
+    return {
+        "arrow_origin": place[rows, order].astype(np.float32),
+        "arrow_force": size[rows, order].astype(np.float32),
+    }
 
 
 def cop_outside(touch: Touch, force: Floats, moment: Floats, com: Floats, floor: float) -> Floats:

@@ -97,10 +97,19 @@ class UsedSettings:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class ContactForces:
+    """The contact forces that were found, to be drawn: origin (T, 4, 3) m, vector (T, 4, 3) BW."""
+
+    origin: NDArray[np.float64]
+    vector: NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Report:
     """The whole verdict on one clip.
 
-    ``series`` are per-frame arrays (T,) for timelines; they stay out of the JSON.
+    ``series`` are per-frame arrays (T,) for timelines, ``forces`` the contact forces for a
+    replay; both stay out of the JSON.
     ``accepted`` counts findings that a baseline took out.
     """
 
@@ -113,6 +122,7 @@ class Report:
     coverage: tuple[Coverage, ...]
     literature: Mapping[str, Any] = field(default_factory=dict)
     series: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    forces: ContactForces | None = None
     accepted: int = 0
 
     @property

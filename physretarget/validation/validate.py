@@ -20,6 +20,7 @@ from physretarget.validation.literature import literature
 from physretarget.validation.measures import measures
 from physretarget.validation.report import (
     ClipFacts,
+    ContactForces,
     Coverage,
     Finding,
     ModelFacts,
@@ -80,6 +81,7 @@ def validate(clip: Clip, character: Character, *, settings: Settings | None = No
         coverage=tuple(coverage),
         literature=literature(analysis) if settings.also_literature else {},
         series=_series(analysis),
+        forces=_forces(analysis),
     )
 
 
@@ -125,6 +127,12 @@ def _used(analysis: Analysis) -> UsedSettings:
         floor_height_m=analysis.character.floor_height,
         contact=analysis.work.points.source,
     )
+
+
+def _forces(analysis: Analysis) -> ContactForces | None:
+    if "arrow_force" not in analysis.has:
+        return None
+    return ContactForces(origin=analysis["arrow_origin"], vector=analysis["arrow_force"])
 
 
 def _series(analysis: Analysis) -> dict[str, NDArray[np.float64]]:

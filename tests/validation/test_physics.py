@@ -96,12 +96,14 @@ def test_flipped_joint_breaks_balance(biped: Character, hop: Clip) -> None:
     assert not errors(report) & {"CON001", "CON003", "KIN001", "KIN004"}
 
 
+@pytest.mark.parametrize("hz", [None, 15.0])
 def test_chunks_join_without_a_seam(
-    biped: Character, hop: Clip, monkeypatch: pytest.MonkeyPatch
+    hz: float | None, biped: Character, hop: Clip, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    whole = validate(hop, biped)
+    settings = Settings(lowpass_hz=hz)
+    whole = validate(hop, biped, settings=settings)
     monkeypatch.setattr(analysis, "CHUNK", 37)
-    parts = validate(hop, biped)
+    parts = validate(hop, biped, settings=settings)
     for name, measure in whole.measures.items():
         other = parts.measures[name]
         assert measure.unit == other.unit

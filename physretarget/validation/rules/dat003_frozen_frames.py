@@ -21,8 +21,6 @@ A stream that hangs for three frames in the middle of a step.
 
 from __future__ import annotations
 
-import numpy as np
-
 from physretarget.validation.analysis import Analysis
 from physretarget.validation.rule import Limit, Limits, Rule, Verdict, runs
 
@@ -31,7 +29,7 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     """A stretch repeats one frame in the middle of motion."""
     if analysis.frames < 4:
         return Verdict(not_covered="too few frames")
-    step = np.abs(np.diff(analysis.raw, axis=0)).max(axis=1)
+    step = analysis["step"][1:]
     still = step <= limits["still"]
     found = []
     for first, last in runs(still):

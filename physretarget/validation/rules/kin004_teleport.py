@@ -22,52 +22,31 @@ A root that jumps by half a metre in one frame at 30 Hz: 15 m/s among steps of 1
 
 from __future__ import annotations
 
-from functools import partial
-
-import numpy as np
-from numpy.typing import NDArray
-
-from physretarget.kinematics import difference
 from physretarget.validation.analysis import Analysis
 from physretarget.validation.report import Finding
 from physretarget.validation.rule import Limit, Limits, Rule, Verdict, dof_names, exceeding
-
-
-def _name(names: list[str], which: NDArray[np.int64], frame: int) -> str:
-    return names[int(which[max(frame - 1, 0)])]
 
 
 def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     """The body or a joint leaps between two frames."""
     if analysis.frames < 3:
         return Verdict(not_covered="needs at least three frames")
-    tree = analysis.character.tree
-    step = np.abs(difference(tree, analysis.raw[:-1], analysis.raw[1:])) * analysis.fps
-    linear = np.zeros(tree.nv, dtype=bool)
-    for joint in tree.joints:
-        if joint.kind in ("free", "slide"):
-            linear[joint.dof : joint.dof + (3 if joint.kind == "free" else 1)] = True
-    names = dof_names(analysis)
     found: list[Finding] = []
-    for flags, limit, unit in (
-        (linear, limits["linear"], "m/s"),
-        (~linear, limits["angular"], "rad/s"),
-    ):
-        if not flags.any():
-            continue
-        speed = step[:, flags]
-        around = np.maximum(
-            np.vstack([speed[1:2], speed[:-1]]), np.vstack([speed[1:], speed[-2:-1]])
-        )
-        leap = speed - around
-        which = np.flatnonzero(flags)[leap.argmax(axis=1)]
-        series = np.r_[0.0, leap.max(axis=1)]
-        found += exceeding(
-            analysis, rule, series, warning=limit, error=limit, unit=unit,
-            body=partial(_name, names, which),
-            message="{body} leaps: {value} {unit} faster than the frames around (limit {limit})",
-        ).findings  # fmt: skip
+    for kind, unit in (("linear", "m/s"), ("angular", "rad/s")):
+        if f"leap_{kind}" in analysis.has:
+            found += _leaps(analysis, rule, f"leap_{kind}", limits[kind], unit)
     return Verdict(findings=tuple(found))
+
+
+def _leaps(
+    analysis: Analysis, rule: Rule, series: str, limit: float, unit: str
+) -> tuple[Finding, ...]:
+    names, worst = dof_names(analysis), analysis.ints(f"{series}_dof")
+    return exceeding(
+        analysis, rule, analysis[series], warning=limit, error=limit, unit=unit,
+        body=lambda t: names[worst[t]],
+        message="{body} leaps: {value} {unit} faster than the frames around (limit {limit})",
+    ).findings  # fmt: skip
 
 
 RULE = Rule(

@@ -1,0 +1,132 @@
+"""Speed and memory of the validator on the Unitree G1 (29 joints).
+
+    python -m benchmarks.validate [DATA]
+
+Everything is measured in one run beside the bare ``mj_inverse`` loop, since machines differ:
+all rules (aim: 8 000 frames/s on one core), the cone fit (aim: at most 5 times the loop), the
+memory that a clip of 60 minutes takes more than one of a minute, and many short clips.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import resource
+import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physretarget.clip import Clip, load_clip
+from physretarget.mjcf import Character, derivatives, required_wrench
+from physretarget.validation import Settings, chunk, validate
+from physretarget.validation.cones import ConeFit
+
+Array = NDArray[np.float64]
+CLIPS = ("walk", "wave", "jumpjack", "dance", "high5")
+FPS = 30.0
+
+
+def character_of(data: Path) -> Character:
+    return Character.load(data / "robot" / "g1_no_mesh_box_feet.xml")
+
+
+def clip_of(data: Path, character: Character, name: str, frames: int) -> Clip:
+    """One of the generated clips, played to and fro until it has so many frames."""
+    qpos = load_clip(data / "robot" / f"g1_{name}.csv", character=character, fps=FPS).qpos
+    both = np.concatenate([qpos, qpos[::-1]])
+    qpos = np.tile(both, (frames // len(both) + 1, 1))[:frames]
+    return Clip(qpos=qpos, time=np.arange(frames) / FPS)
+
+
+def best(work: Callable[[], object], repeats: int = 3) -> float:
+    """Seconds of the fastest of some runs."""
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - start)
+    return min(times)
+
+
+def speed(data: Path, frames: int = 4000) -> None:
+    character = character_of(data)
+    settings = Settings(profile="robot", lowpass_hz=6)
+    fit = chunk.fit_forces
+    print(f"{'clip':10s} {'mj_inverse':>12s} {'cone fit':>18s} {'all rules':>24s}")
+    for name in CLIPS:
+        clip = clip_of(data, character, name, frames)
+        qvel, qacc = derivatives(character, clip.qpos, clip.time)
+        bare = best(partial(required_wrench, character, clip.qpos, qvel, qacc)) / frames
+        spent = [0.0]
+
+        def timed(*args: Array, spent: list[float] = spent, **options: Array) -> ConeFit:
+            start = time.perf_counter()
+            found = fit(*args, **options)  # type: ignore[arg-type]
+            spent[0] += time.perf_counter() - start
+            return found
+
+        chunk.fit_forces = timed  # type: ignore[assignment]
+        repeats = 3
+        whole = best(partial(validate, clip, character, settings=settings), repeats) / frames
+        chunk.fit_forces = fit
+        cones = spent[0] / repeats / frames
+        print(
+            f"{name:10s} {bare * 1e6:9.1f} us {cones * 1e6:9.1f} us x{cones / bare:4.1f} "
+            f"{whole * 1e6:9.1f} us {1 / whole:7.0f} frames/s"
+        )
+
+
+def _peak(data: Path, frames: int) -> float:
+    """Peak memory (MB) of a fresh process that judges a clip of so many frames."""
+    character = character_of(data)
+    validate(clip_of(data, character, "walk", frames), character, settings=Settings(lowpass_hz=6))
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def memory(data: Path) -> None:
+    peaks = {}
+    for minutes in (1, 10, 60):
+        with ProcessPoolExecutor(1) as pool:
+            peaks[minutes] = pool.submit(_peak, data, int(minutes * 60 * FPS)).result()
+    for minutes, peak in peaks.items():
+        frames = minutes * 60 * FPS
+        more = (peak - peaks[1]) * 1024 / frames if minutes > 1 else 0.0
+        print(f"{minutes:3d} min: peak {peak:6.0f} MB, {more:5.2f} kB more per frame than 1 min")
+
+
+def _judge(data: Path, names: tuple[str, ...]) -> int:
+    character = character_of(data)
+    settings = Settings(profile="robot", lowpass_hz=6)
+    clips = {name: clip_of(data, character, name, 150) for name in set(names)}
+    return sum(validate(clips[name], character, settings=settings).errors for name in names)
+
+
+def many(data: Path, clips: int = 1000, workers: int = 2) -> None:
+    names = tuple(CLIPS[i % len(CLIPS)] for i in range(clips))
+    start = time.perf_counter()
+    with ProcessPoolExecutor(workers) as pool:
+        list(pool.map(partial(_judge, data), [names[i::workers] for i in range(workers)]))
+    print(f"{clips} clips of 5 s on {workers} processes: {time.perf_counter() - start:.1f} s")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    beside = Path(__file__).resolve().parents[1] / ".." / "shared" / "data"
+    told = os.environ.get("PHYSRETARGET_DATA", str(beside))
+    parser.add_argument("data", nargs="?", type=Path, default=Path(told))
+    data = parser.parse_args().data
+    if not (data / "robot").is_dir():
+        print(f"no robot clips in {data}: set PHYSRETARGET_DATA")
+        return
+    speed(data)
+    memory(data)
+    many(data)
+
+
+if __name__ == "__main__":
+    main()
