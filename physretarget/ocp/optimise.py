@@ -139,36 +139,30 @@ def optimise(
 
 
 def _penalty(scene: Scene, basis: Basis, problem: Problem, settings: RootHeightSettings) -> _Answer:
-    """Gauss-Newton with the residual force f0 continued from soft to hard, the best start wins.
+    """Gauss-Newton with the residual force f0 continued from soft to hard.
 
     The kink of the contact is four orders sharper than the motion: solved cold, the search ends
-    in a poor local minimum. How soft to begin differs from clip to clip, so more than one
-    beginning is tried.
+    in a poor local minimum.
     """
     still = (np.zeros(scene.frames),) * 3
-    best, iterations = None, 0
-    for first in settings.beginnings:
-        weights = np.zeros(basis.count)
-        for factor in settings.continuation[first:]:
-            outcome = solve(
-                problem,
-                basis,
-                weights,
-                f0=factor * problem.model.residual,
-                ridge=settings.weights,
-                iterations=settings.iterations,
-                tolerance=settings.tolerance,
-            )
-            weights = outcome.weights
-            iterations += outcome.iterations
-        if best is None or outcome.cost < best.cost:
-            best = outcome
-    assert best is not None
+    weights, iterations, converged = np.zeros(basis.count), 0, False
+    for factor in settings.continuation:
+        outcome = solve(
+            problem,
+            basis,
+            weights,
+            f0=factor * problem.model.residual,
+            ridge=settings.weights,
+            iterations=settings.iterations,
+            tolerance=settings.tolerance,
+        )
+        weights, converged = outcome.weights, outcome.converged
+        iterations += outcome.iterations
     return _Answer(
-        best.weights,
-        problem.contact_wrench(basis.motion(best.weights))[0],
+        weights,
+        problem.contact_wrench(basis.motion(weights))[0],
         problem.contact_wrench(still)[0],
-        "converged" if best.converged else "iteration limit",
+        "converged" if converged else "iteration limit",
         iterations,
     )
 

@@ -30,7 +30,8 @@ class Scene:
     arm: (T, 3) centre of mass minus root, m.
     contact: (T, P, 3) contact points minus root, world axes, m; ``height`` (T, P) above the
     floor, m; ``velocity`` (T, P, 3) m/s.
-    active: (T, P) which points are meant to touch.
+    active: (T, P) which points are meant to touch; ``standing`` (T,) 1 where the clip stands,
+    fading to 0 towards take-off and landing, 0 in flight.
     mass kg, weight N, size m (the character's height), friction μ.
     pose_offset, pose_spread: (T,) mean vertical error of the features and its standard
     deviation, m, or None where the mapper knows none; ``features``: points that it speaks of.
@@ -43,6 +44,7 @@ class Scene:
     height: Array
     velocity: Array
     active: NDArray[np.bool_]
+    standing: Array
     mass: float
     weight: float
     size: float
@@ -139,12 +141,20 @@ def _known(scene: Scene, settings: RootHeightSettings) -> tuple[Array, dict[str,
         "velocity": scene.velocity.reshape(frames, -1),
         "flight": scene.flight[:, None].astype(np.float64),
         "pose": pose,
+        "standing": np.stack([scene.standing, _rest(scene, settings)], axis=1),
     }
     layout, start = {}, 0
     for name, block in blocks.items():
         layout[name] = slice(start, start + block.shape[1])
         start += block.shape[1]
     return np.concatenate(list(blocks.values()), axis=1).T.copy(), layout
+
+
+def _rest(scene: Scene, settings: RootHeightSettings) -> Array:
+    """(T,) how deep the contact model sinks under one body weight on the active points, m."""
+    points = np.maximum(scene.active.sum(axis=1), 1)
+    depth: Array = settings.sink * scene.size * scene.active.shape[1] / points
+    return depth
 
 
 def _contact(
@@ -185,6 +195,8 @@ def _residuals(
         rows.append(settings.flight * part["flight"] * required[2] / unit_force)
     if settings.displacement > 0:
         rows.append(settings.displacement * s[0] / scene.size)
+    if settings.hold > 0:
+        rows.append(settings.hold * part["standing"][0] * (s[0] + part["standing"][1]) / scene.size)
     if settings.roughness > 0:
         rows.append(settings.roughness * s[2] / (scene.weight / scene.mass))
     if settings.pose > 0 and scene.pose_spread is not None:

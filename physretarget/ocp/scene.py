@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
 
 from physretarget import kinematics
 from physretarget.errors import InputError
@@ -13,6 +14,9 @@ from physretarget.ocp.basis import differences
 from physretarget.ocp.problem import Scene
 
 Array = NDArray[np.float64]
+
+EDGE = 0.08
+"""Seconds before take-off and after landing in which a stance may give way."""
 
 
 def scene_of(
@@ -52,6 +56,7 @@ def scene_of(
         height=contact[..., 2] - character.floor_height,
         velocity=velocity,
         active=active,
+        standing=_standing(active, step),
         mass=character.mass,
         weight=character.weight,
         size=character.height,
@@ -60,6 +65,17 @@ def scene_of(
         pose_spread=spread,
         features=features,
     )
+
+
+def _standing(active: NDArray[np.bool_], step: float) -> Array:
+    """(T,) smoothly from 0 in flight to 1 at :data:`EDGE` seconds from the nearest flight."""
+    flight = ~np.any(active, axis=1)
+    if not flight.any():
+        return np.ones(len(active))
+    away = distance_transform_edt(~flight) * step
+    share = np.clip(away / EDGE, 0.0, 1.0)
+    faded: Array = share**2 * (3.0 - 2.0 * share)
+    return faded
 
 
 def _pose_knowledge(

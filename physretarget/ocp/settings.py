@@ -45,14 +45,15 @@ class RootHeightSettings:
     interval: seconds between centres of the Gaussians; their σ is twice that.
     vertical, horizontal, moment: weights of the three parts of the wrench mismatch.
     flight: weight of the required vertical force in flight frames (no active contact point).
+    hold: weight of leaving the height at which a standing character rests on the contact model:
+    without it the cheapest way to a small mismatch is to bounce through every stance.
     displacement: weight of the displacement itself; roughness: of its acceleration over g.
     pose: weight of the mapper's log-likelihood Z_m; ``pose_floor`` is the least standard
     deviation taken from the mapper, over the height.
     weights: weight of ½wᵀw.
     limit: largest displacement over the height.
     sink: how deep the contact model sinks under one body weight, over the height.
-    continuation: multiples of the model's f0, solved one after another; ``beginnings``: where in
-    that list to begin, each tried from zero, the lowest cost wins.
+    continuation: multiples of the model's f0, solved one after another.
     iterations, tolerance: of Gauss-Newton in each of those, relative decrease.
     """
 
@@ -64,14 +65,14 @@ class RootHeightSettings:
     moment: float = 0.0
     flight: float = 4.0
     displacement: float = 0.5
+    hold: float = 300.0
     roughness: float = 0.15
     pose: float = 0.005
     pose_floor: float = 0.05
     weights: float = 1e-6
     limit: float = 0.15
-    sink: float = 0.003
-    continuation: tuple[float, ...] = (300.0, 100.0, 30.0, 10.0, 3.0, 1.0)
-    beginnings: tuple[int, ...] = (0, 2)
+    sink: float = 0.0005
+    continuation: tuple[float, ...] = (30.0, 10.0, 3.0, 1.0)
     iterations: int = 30
     tolerance: float = 1e-3
 
@@ -91,13 +92,13 @@ class RootHeightSettings:
                 moment=1e-5**0.5,
                 flight=0.0,
                 displacement=0.0,
+                hold=0.0,
                 roughness=0.0,
                 pose=1.0,
                 pose_floor=0.0,
                 weights=1.0,
                 limit=float("inf"),
                 continuation=(1.0,),
-                beginnings=(0,),
                 interval=1.0 / 15.0,
                 iterations=200,
             )

@@ -214,13 +214,16 @@ def _numbers(result: Retargeted, report: Report) -> tuple[KeyNumber, ...]:
                 good=lift <= 0.15 * height,
             ),
         ]
-        if np.isfinite(physical.bound_ratio):
+        if np.isfinite(physical.bound_rms):
+            near = physical.bound_ratio < 100
             numbers.append(
                 KeyNumber(
-                    label="Above the convex bound",
-                    value=physical.bound_ratio,
-                    unit="×",
-                    note=f"no displacement gets below {physical.bound_rms:.1f} N",
+                    label="Convex bound",
+                    value=physical.bound_rms,
+                    unit="N",
+                    note=f"mismatch is {physical.bound_ratio:.1f} × as much"
+                    if near
+                    else "no displacement with these contacts gets below",
                 )
             )
         if np.isfinite(physical.ballistic_after):

@@ -155,7 +155,7 @@ def test_a_clip_that_stands_still_only_sinks_into_its_contact(hopper: Make) -> N
 
 def test_continuation_beats_a_cold_start(hopper: Make, hops: Make) -> None:
     qpos, time, active = hops(6.0)
-    cold = RootHeightSettings(continuation=(1.0,), beginnings=(0,), iterations=180)
+    cold = RootHeightSettings(continuation=(1.0,), iterations=180)
     results = [optimise(hopper(), qpos, time, active, settings=s) for s in (None, cold)]
     assert results[0].mismatch_after < 0.8 * results[1].mismatch_after
 
