@@ -8,25 +8,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget import kinematics
-from physretarget.contact.clearance import surface_points
-from physretarget.contact.phases import Phases, any_point, runs
+from physretarget.contact.carry import carried, followed, off_track, swivels
+from physretarget.contact.clearance import above_floor
+from physretarget.contact.flight import grounded, thrown
+from physretarget.contact.foot import Foot
+from physretarget.contact.phases import Phases, runs
 from physretarget.contact.settings import ContactSettings
-from physretarget.contact.sole import Sole, SoleMotion, make_sole, sole_motion, yaw_quat
+from physretarget.contact.sole import Sole, SoleMotion, make_sole, sole_motion
 from physretarget.contact.stances import Footing, find_footings
 from physretarget.contact.track import Track, fly, stand
 from physretarget.errors import InputError
 from physretarget.ik import continuous_qpos
-from physretarget.kinematics import PointTargets
 from physretarget.mjcf import Character
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 
 TOUCHING = 1e-3
 """A point this near to its place on the floor (m) counts as planted, whoever bears the body."""
-FLOOR_SLACK = 1e-4
-"""Carried bodies may be this far below the floor (m) without being lifted."""
 SHORTEST_TOUCH = 0.05
 """Shorter touches of points that bear nothing by the timetable are not reported (s)."""
 
@@ -70,17 +69,6 @@ class Contacted:
     notes: tuple[str, ...]
 
 
-@dataclass(frozen=True, eq=False)
-class _Foot:
-    """A sole with its motion before the adjustment, its stances and the path it shall take."""
-
-    sole: Sole
-    motion: SoleMotion
-    active: Bools
-    footings: list[Footing]
-    track: Track
-
-
 def adjust(
     character: Character,
     qpos: Floats,
@@ -112,13 +100,13 @@ def adjust(
         empty = np.zeros(target.shape[:2], dtype=bool)
         reason = "No contact point is planted at any time: the motion is as it was."
         return Contacted(qpos.copy(), empty, target, 0.0, 0.0, (), (reason,))
-    moved = _carried(character, qpos, feet)
-    if _off_track(character, moved, feet) > 1e-5:
-        moved = _followed(character, moved, feet, settings)
-    moved = _above_floor(character, moved, feet, settings)
+    moved = carried(character, qpos, feet, settings)
+    if off_track(character, moved, feet) > 1e-5:
+        moved = followed(character, moved, feet, settings)
+    moved = above_floor(character, moved, feet, settings)
     tracks = [foot.track for foot in feet]
     if settings.blend == "ballistic":
-        moved = _thrown(character, moved, time, _grounded(character, phases, tracks), settings)
+        moved = thrown(character, moved, time, grounded(character, phases, tracks), settings)
     moved = continuous_qpos(character, moved)
     for foot in feet:
         target[:, foot.sole.points] = foot.track.target
@@ -142,7 +130,7 @@ def _feet(
     time: Floats,
     phases: Phases,
     settings: ContactSettings,
-) -> tuple[list[_Foot], list[str]]:
+) -> tuple[list[Foot], list[str]]:
     """The bodies that stand at some time, with the path that each shall take."""
     standing = kinematics.forward(character.tree, character.reference_qpos[None])
     found: list[tuple[Sole, SoleMotion, Bools, list[Footing], Track]] = []
@@ -164,14 +152,18 @@ def _feet(
         motion = sole_motion(sole, pose)
         heading = motion.yaw if len(index) > 1 else np.zeros(len(time))
         place = np.concatenate([motion.centre[:, :2], heading[:, None]], axis=1)
-        footings, remarks = find_footings(sole, active, place, time, character.height, settings)
+        swivelling = body == character.root_body and bool(swivels(character))
+        limit = settings.swivel if swivelling else settings.pivot
+        footings, remarks = find_footings(
+            sole, active, place, time, character.height, limit, settings
+        )
         notes += [f"{character.model.body(int(body)).name}: {remark}" for remark in remarks]
         floor = character.floor_height
         track = stand(sole, motion, footings, active, time, floor, settings)
         found.append((sole, motion, active, footings, track))
-    grounded = _grounded(character, phases, [track for *_, track in found])
+    borne = grounded(character, phases, [track for *_, track in found])
     return [
-        _Foot(
+        Foot(
             sole,
             motion,
             active,
@@ -181,7 +173,7 @@ def _feet(
                 motion,
                 track,
                 footings,
-                grounded,
+                borne,
                 time,
                 character.floor_height,
                 character.height,
@@ -196,192 +188,11 @@ def _side(name: str) -> str:
     return name.split("_")[0] if name.startswith(("left_", "right_")) else name
 
 
-def _carried(character: Character, qpos: Floats, feet: list[_Foot]) -> Floats:
-    """The root corrected so that the feet are where they shall be, on the average.
-
-    If the root itself is the body that stands on a face, its path is exact and nothing else
-    has to move: the whole pose is carried along.
-    """
-    if not character.has_root:
-        return qpos.copy()
-    at = character.root_qpos
-    moved = qpos.copy()
-    own = [f for f in feet if f.sole.body == character.root_body and len(f.sole.local) > 2]
-    if own:
-        rotation, sole = own[0].track.rotation, own[0].sole
-        moved[:, at : at + 3] = own[0].track.centre - rotation @ sole.centre
-        moved[:, at + 3 : at + 7] = kinematics.matrix_to_quat(rotation)
-        return moved
-    # Feet count the more, the nearer in time they stand: the average stays continuous.
-    weight = np.stack([1.0 / (1.0 + (f.track.away / 0.2) ** 2) for f in feet])
-    weight += 1e-6
-    weight /= weight.sum(axis=0)
-    before = np.einsum("ft,ftc->tc", weight, np.stack([f.motion.centre for f in feet]))
-    after = np.einsum("ft,ftc->tc", weight, np.stack([f.track.centre for f in feet]))
-    turn = yaw_quat(np.einsum("ft,ft->t", weight, np.stack([_yaw_shift(f) for f in feet])))
-    arm = qpos[:, at : at + 3] - before
-    moved[:, at : at + 3] = after + kinematics.quat_rotate(turn, arm)
-    moved[:, at + 3 : at + 7] = kinematics.quat_multiply(turn, qpos[:, at + 3 : at + 7])
-    return moved
-
-
-def _yaw_shift(foot: _Foot) -> Floats:
-    """(T,) by how much a foot's heading is corrected, continuous."""
-    if len(foot.sole.local) < 2:
-        return np.zeros(len(foot.motion.yaw))
-    change = foot.track.rotation @ np.swapaxes(foot.motion.rotation, 1, 2)
-    quat = kinematics.continuous(kinematics.matrix_to_quat(change))
-    shift: Floats = np.unwrap(2.0 * np.arctan2(quat[:, 3], quat[:, 0]))
-    shift -= 2.0 * np.pi * np.round(shift[0] / (2.0 * np.pi))
-    return shift
-
-
-def _off_track(character: Character, qpos: Floats, feet: list[_Foot]) -> float:
-    """The farthest that a point of any path is missed, m."""
-    pose = kinematics.forward(character.tree, qpos)
-    return max(
-        float(np.abs(_points(pose, foot.sole) - foot.track.points(foot.sole)).max())
-        for foot in feet
-    )
-
-
-def _points(pose: kinematics.Pose, sole: Sole) -> Floats:
-    bodies = np.full(len(sole.local), sole.body)
-    return kinematics.points(pose, bodies, sole.local)
-
-
-def _followed(
-    character: Character,
-    qpos: Floats,
-    feet: list[_Foot],
-    settings: ContactSettings,
-    *,
-    frames: Ints | None = None,
-    lifted: PointTargets | None = None,
-) -> Floats:
-    """Inverse kinematics: contact points on their paths, everything else as it was.
-
-    ``qpos`` are the poses of ``frames``, by default all; ``lifted`` are further targets.
-    """
-    frames = np.arange(len(qpos)) if frames is None else frames
-    pose = kinematics.forward(character.tree, qpos)
-    markers = character.markers
-    here = kinematics.points(pose, markers.body, markers.local)
-    targets = [PointTargets(markers.body, markers.local, here)]
-    for foot in feet:
-        sole, away = foot.sole, foot.track.away[frames]
-        flight = settings.flight_weight / (1.0 + (away / settings.fade) ** 2) ** 2
-        near = np.exp(-((away / 0.04) ** 2))
-        weight = (flight + (settings.stance_weight - flight) * near)[:, None]
-        weight = np.broadcast_to(weight, (len(qpos), len(sole.local)))
-        bodies = np.full(len(sole.local), sole.body)
-        path = foot.track.points(sole)[frames]
-        targets.append(PointTargets(bodies, sole.local, path, weight))
-    if lifted is not None:
-        targets.append(lifted)
-    # Joints that the points leave undetermined (the twist of a straight leg) stay put.
-    prior = np.full(character.tree.nv, settings.joint_weight * character.height**2)
-    if character.has_root:
-        prior[character.root_dof : character.root_dof + 6] = 0.0
-    found = kinematics.solve(
-        character.tree,
-        qpos,
-        targets,
-        lower=character.lower,
-        upper=character.upper,
-        prior_weight=prior,
-        iterations=20,
-        tolerance=1e-4,
-    )
-    return found.qpos
-
-
-def _above_floor(
-    character: Character, qpos: Floats, feet: list[_Foot], settings: ContactSettings
-) -> Floats:
-    """Lift what is carried below the floor onto it; frames with nothing below stay as they are.
-
-    A body is lifted as a whole by the depth of its lowest point, as far as it is deeper than in
-    the reference pose. That moves its neighbours: a few rounds.
-    """
-    stood_on = [foot.sole.body for foot in feet]
-    body, local = surface_points(character, np.setdiff1d(character.bodies, stood_on))
-    slack = FLOOR_SLACK + _depth(character, character.reference_qpos[None], body, local)[0]
-    share = np.array([settings.clearance_weight / (body == one).sum() for one in body])
-    moved = qpos.copy()
-    frames = np.arange(len(qpos))
-    for _ in range(4):
-        depth = _depth(character, moved[frames], body, local)
-        low = (depth > slack).any(axis=1)
-        frames = frames[low]
-        if not len(frames):
-            break
-        depth = np.where(depth[low] > slack, depth[low] - slack, np.nan)
-        target = kinematics.points(kinematics.forward(character.tree, moved[frames]), body, local)
-        target[..., 2] += depth
-        lift = PointTargets(body, local, target, share)
-        moved[frames] = _followed(
-            character, moved[frames], feet, settings, frames=frames, lifted=lift
-        )
-    return moved
-
-
-def _depth(character: Character, qpos: Floats, body: Ints, local: Floats) -> Floats:
-    """(T, K) for each point how deep the lowest point of its body is below the floor, m."""
-    where = kinematics.points(kinematics.forward(character.tree, qpos), body, local)
-    depth = np.zeros(where.shape[:2])
-    for one in np.unique(body):
-        mine = body == one
-        below = character.floor_height - where[:, mine, 2].min(axis=1, keepdims=True)
-        depth[:, mine] = np.maximum(below, 0.0)
-    return depth
-
-
-def _grounded(character: Character, phases: Phases, tracks: list[Track]) -> Bools:
-    """(T,) whether anything bears the character, or the actor.
-
-    Hands or back that the character has no counterpart of bear the actor as well.
-    """
-    others = [name not in character.tied for name in phases.names]
-    grounded = any_point(phases.active[:, others])
-    for track in tracks:
-        grounded |= track.standing
-    return grounded
-
-
-def _thrown(
-    character: Character, qpos: Floats, time: Floats, grounded: Bools, settings: ContactSettings
-) -> Floats:
-    """Flights in which the centre of mass moves straight on, as seen from above.
-
-    Whatever the limbs do in the air, only the floor could push the whole sideways. The root
-    is shifted; where a flight begins and ends nothing changes.
-    """
-    if not character.has_root:
-        return qpos
-    moved, at = qpos.copy(), character.root_qpos
-    mass = np.array(character.model.body_mass)[character.bodies]
-    local = np.array(character.model.body_ipos)[character.bodies]
-    for first, last in runs(~grounded):
-        before, after = first - 1, last + 1
-        if before < 0 or after >= len(qpos):
-            continue
-        if time[after] - time[before] > settings.longest_flight:
-            continue
-        pose = kinematics.forward(character.tree, qpos[before : after + 1])
-        centres = kinematics.points(pose, character.bodies, local)[..., :2]
-        centre = np.einsum("b,tbc->tc", mass / mass.sum(), centres)
-        share = (time[before : after + 1] - time[before]) / (time[after] - time[before])
-        straight = centre[0] + share[:, None] * (centre[-1] - centre[0])
-        moved[before : after + 1, at : at + 2] += straight - centre
-    return moved
-
-
 def _measured(
     character: Character,
     qpos: Floats,
     time: Floats,
-    feet: list[_Foot],
+    feet: list[Foot],
     target: Floats,
     notes: list[str],
 ) -> Contacted:
@@ -393,7 +204,7 @@ def _measured(
     stances: list[Stance] = []
     for foot in feet:
         index = foot.sole.points
-        points = _points(pose, foot.sole)
+        points = foot.points(pose)
         miss = np.linalg.norm(points - foot.track.target, axis=-1)  # NaN in flight
         touching = np.nan_to_num(miss, nan=np.inf) < TOUCHING
         planted = touching & foot.track.planted
@@ -423,7 +234,7 @@ def _long_enough(touching: Bools, time: Floats) -> Bools:
     return kept
 
 
-def _stance(character: Character, foot: _Foot, footing: Footing, time: Floats) -> Stance:
+def _stance(character: Character, foot: Foot, footing: Footing, time: Floats) -> Stance:
     bore = foot.track.planted[footing.first : footing.last + 1].any(axis=0)
     return Stance(
         body=character.model.body(foot.sole.body).name,

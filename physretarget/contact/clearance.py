@@ -12,6 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget import kinematics
+from physretarget.contact.carry import followed
+from physretarget.contact.foot import Foot
+from physretarget.contact.settings import ContactSettings
+from physretarget.kinematics import PointTargets
 from physretarget.mjcf import Character
 
 Floats = NDArray[np.float64]
@@ -19,6 +23,49 @@ Ints = NDArray[np.int64]
 
 DIRECTIONS = 40
 """A body is represented by its farthest points in so many directions."""
+FLOOR_SLACK = 1e-4
+"""Carried bodies may be this far below the floor (m) without being lifted."""
+
+
+def above_floor(
+    character: Character, qpos: Floats, feet: list[Foot], settings: ContactSettings
+) -> Floats:
+    """Lift what is carried below the floor onto it; frames with nothing below stay as they are.
+
+    A body is lifted as a whole by the depth of its lowest point, as far as it is deeper than in
+    the reference pose. That moves its neighbours: a few rounds.
+    """
+    stood_on = [foot.sole.body for foot in feet]
+    body, local = surface_points(character, np.setdiff1d(character.bodies, stood_on))
+    slack = FLOOR_SLACK + _depth(character, character.reference_qpos[None], body, local)[0]
+    share = np.array([settings.clearance_weight / (body == one).sum() for one in body])
+    moved = qpos.copy()
+    frames = np.arange(len(qpos))
+    for _ in range(4):
+        depth = _depth(character, moved[frames], body, local)
+        low = (depth > slack).any(axis=1)
+        frames = frames[low]
+        if not len(frames):
+            break
+        depth = np.where(depth[low] > slack, depth[low] - slack, np.nan)
+        target = kinematics.points(kinematics.forward(character.tree, moved[frames]), body, local)
+        target[..., 2] += depth
+        lift = PointTargets(body, local, target, share)
+        moved[frames] = followed(
+            character, moved[frames], feet, settings, frames=frames, lifted=lift
+        )
+    return moved
+
+
+def _depth(character: Character, qpos: Floats, body: Ints, local: Floats) -> Floats:
+    """(T, K) for each point how deep the lowest point of its body is below the floor, m."""
+    where = kinematics.points(kinematics.forward(character.tree, qpos), body, local)
+    depth = np.zeros(where.shape[:2])
+    for one in np.unique(body):
+        mine = body == one
+        below = character.floor_height - where[:, mine, 2].min(axis=1, keepdims=True)
+        depth[:, mine] = np.maximum(below, 0.0)
+    return depth
 
 
 def surface_points(character: Character, bodies: Ints) -> tuple[Ints, Floats]:

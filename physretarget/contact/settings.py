@@ -31,6 +31,9 @@ class ContactSettings:
     blend: corrections over flights of the whole character go linearly in time ("ballistic"),
         which leaves a body in flight without horizontal acceleration, or by eq. (9) ("paper"),
         which is always used for a foot that swings.
+    swivel, pivot: how far the motion's heading may be from that of the stance, rad, if what
+        the body carries stands on a swivel, and if it does not; beyond that the stance is cut
+        and the body turns in a small hop. min_piece: none is shorter than this, s.
     waddle: a body that carries points of both feet rolls onto the side that stands by this
         angle, so that a walk shows (rad; zero for none), and back, each within ``rock`` s.
     max_tilt: such a body tilts no more than this while it stands, rad.
@@ -51,6 +54,9 @@ class ContactSettings:
     hop_height: float = 0.5
     longest_flight: float = 0.85
     swing_height: float = 0.015
+    swivel: float = 1.2
+    pivot: float = 0.6
+    min_piece: float = 0.22
     waddle: float = 0.1
     rock: float = 0.25
     max_tilt: float = 0.35

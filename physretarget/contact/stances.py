@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from physretarget.contact.phases import any_point, runs
 from physretarget.contact.settings import ContactSettings
 from physretarget.contact.sole import Sole
+from physretarget.contact.turns import cuts
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -58,12 +60,14 @@ def find_footings(
     place: Floats,
     time: Floats,
     height: float,
+    limit: float,
     settings: ContactSettings,
 ) -> tuple[list[Footing], list[str]]:
     """The stances of a body, in order and apart from each other, and notes on what was cut.
 
     ``active`` (T, n) the timetable of its points; ``place`` (T, 3) x, y and heading of the
-    sole before the adjustment; ``height`` of the character, m.
+    sole before the adjustment; ``height`` of the character, m; ``limit`` how far the heading
+    may be from its mean over a stance, rad.
     """
     phases: list[tuple[int, int, str]] = []
     for side in dict.fromkeys(sole.sides):
@@ -78,7 +82,30 @@ def find_footings(
                 old.first, max(old.last, last), (*old.members, *new.members), place, time
             )
         merged.append(new)
-    return _apart(sole, merged, time, height, settings)
+    pieces = [p for whole in merged for p in _turning(whole, place, time, limit, settings)]
+    footings, notes = _apart(sole, pieces, time, height, settings)
+    if len(pieces) > len(merged):
+        notes.append(f"{len(pieces) - len(merged)} stances were cut because the motion turns.")
+    return footings, notes
+
+
+def _turning(
+    whole: Footing, place: Floats, time: Floats, limit: float, settings: ContactSettings
+) -> list[Footing]:
+    """A stance in as many pieces as one heading each suffices for."""
+    inside = slice(whole.first, whole.last + 1)
+    edges = [edge for first, last, _ in whole.members for edge in (first, last)]
+    steps = time[[edge for edge in edges if whole.first < edge < whole.last]]
+    at = whole.first + cuts(place[inside, 2], time[inside], limit, steps, settings)
+    pieces = []
+    for first, after in pairwise([whole.first, *at.tolist(), whole.last + 1]):
+        members = tuple(
+            (max(a, first), min(b, after - 1), side)
+            for a, b, side in whole.members
+            if a < after and b >= first
+        )
+        pieces.append(_footing(first, after - 1, members, place, time))
+    return pieces
 
 
 def _footing(

@@ -71,7 +71,10 @@ def stand(
         bearing = footing.planted(sole, active)
         turn = kinematics.quat_to_matrix(yaw_quat(footing.place[2]))
         print_ = np.append(footing.place[:2], floor - sole.foot[:, 2].min()) + sole.foot @ turn.T
-        tilt = _tilt_on_floor(sole, motion.tilt[part], bearing, time, settings)
+        # The motion leans the same way in the world, whatever the heading of the stance.
+        aside = yaw_quat(motion.yaw[part] - footing.place[2])
+        wanted = kinematics.quat_rotate(aside, motion.tilt[part])
+        tilt = _tilt_on_floor(sole, wanted, bearing, time, settings)
         lean = kinematics.quat_to_matrix(kinematics.rotvec_to_quat(tilt))
         if len(sole.local) > 1:
             rotation[part] = turn @ lean @ sole.flat
