@@ -1,0 +1,49 @@
+"""Matching by distance (Ruhland et al. 2017, "First Approach"): windows against an example.
+
+Both sides are centred on their first sample, so that an offset does not count:
+``d(r) = sum_i (q_i - (p_{r+i} - p_r))^2``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+from scipy.signal import fftconvolve
+
+Array = NDArray[np.float64]
+
+
+def distance_profile(capture: Array, segment: Array) -> Array:
+    """(M - n + 1,) distances of a segment (n,) to every window of the capture (M,).
+
+    One correlation and cumulative sums; empty when the segment is the longer one.
+    """
+    n, m = len(segment), len(capture)
+    if n == 0 or n > m:
+        return np.empty(0)
+    p = capture - capture.mean()  # keeps the cancellation below small
+    q = segment - segment[0]
+    sums = np.concatenate([[0.0], np.cumsum(p)])
+    squares = np.concatenate([[0.0], np.cumsum(p * p)])
+    first = p[: m - n + 1]
+    window_sum = sums[n:] - sums[:-n]
+    window_squares = squares[n:] - squares[:-n] - 2.0 * first * window_sum + n * first * first
+    correlate = np.correlate if n * m < 200_000 else _correlate_fft
+    cross = correlate(p, q, mode="valid") - first * q.sum()
+    return np.maximum(window_squares - 2.0 * cross + float(q @ q), 0.0)
+
+
+def _correlate_fft(p: Array, q: Array, mode: str = "valid") -> Array:
+    return np.asarray(fftconvolve(p, q[::-1], mode="valid"), dtype=np.float64)
+
+
+def relative_error(distance: Array, samples: int, channel_range: float) -> Array:
+    """Root mean square error as a fraction of the channel's range: what is held against tau."""
+    relative: Array = np.sqrt(distance / samples) / channel_range
+    return relative
+
+
+def windows(capture: NDArray[np.float32], n: int) -> NDArray[np.float32]:
+    """(M - n + 1, n) view of every window."""
+    return sliding_window_view(capture, n)

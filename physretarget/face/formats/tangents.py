@@ -1,0 +1,66 @@
+"""What several writers need: tangents as they are evaluated, and spans as cubics in time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physretarget.face.curve import Curve
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Tangents:
+    """Offsets (K, 2) of both sides; ``shortened`` keys had one too long to be evaluated as given.
+
+    The in tangent of the first key and the out tangent of the last are never evaluated and kept.
+    """
+
+    into: Array
+    out: Array
+    shortened: tuple[int, ...]
+
+
+def evaluated(curve: Curve) -> Tangents:
+    """The tangents that the curve is evaluated with."""
+    table = curve.table
+    into, out = table[:, 2:4].copy(), table[:, 4:6].copy()
+    shortened: set[int] = set()
+    if len(table) > 1:
+        controls = curve.controls
+        for side, offsets in (
+            (out[:-1], controls[:, 1] - controls[:, 0]),
+            (into[1:], controls[:, 2] - controls[:, 3]),
+        ):
+            # Compared with rounding in mind, so that untouched tangents keep every digit.
+            scale = 1e-9 * (np.abs(side) + np.abs(controls[:, 0]) + np.abs(controls[:, 3]))
+            changed = (np.abs(offsets - side) > scale).any(axis=1)
+            side[changed] = offsets[changed]
+            first = 0 if np.shares_memory(side, out) else 1
+            shortened |= {int(k) + first for k in np.flatnonzero(changed)}
+    into[:, 0], out[:, 0] = np.minimum(into[:, 0], 0.0), np.maximum(out[:, 0], 0.0)
+    return Tangents(into, out, tuple(sorted(shortened)))
+
+
+def is_cubic_in_time(curve: Curve, tolerance: float = 1e-9) -> NDArray[np.bool_]:
+    """(K-1,) whether a span's handles lie at thirds, so that its value is a cubic of time."""
+    if len(curve.keys) < 2:
+        return np.zeros(0, dtype=bool)
+    x = curve.controls[:, :, 0]
+    width = x[:, 3] - x[:, 0]
+    first = np.abs((x[:, 1] - x[:, 0]) / width - 1.0 / 3.0)
+    second = np.abs((x[:, 2] - x[:, 0]) / width - 2.0 / 3.0)
+    near: NDArray[np.bool_] = np.maximum(first, second) <= tolerance
+    return near
+
+
+def worst_difference(a: Curve, b: Curve, per_span: int = 32) -> float:
+    """Largest distance between two curves within the extent of the first."""
+    if len(a.keys) < 2:
+        return abs(a.keys[0].value - float(b.evaluate(a.start)))
+    part = (np.arange(per_span) + 0.5) / per_span
+    times = (a.time[:-1, None] + np.diff(a.time)[:, None] * part).ravel()
+    return float(np.abs(a.evaluate(times) - b.evaluate(times)).max())
