@@ -1,5 +1,91 @@
-"""physretarget: human motion capture to non-humanoid characters, judged by physics."""
+"""physretarget: human motion capture to non-humanoid characters, judged by physics.
+
+::
+
+    capture file ── load_capture ──▶ ActorMotion ─┐
+    key poses ──── load_keyposes ── learn ──▶ TrainedMapper
+                                                  │ retarget
+                                                  ▼
+                 mapped → placed → contacted → physical ──▶ Clip
+                                                             │
+    MJCF ── Character.load ──▶ Character ── validate(clip, character) ──▶ Report
+
+The rooms, from the top down: ``cli``, ``demo``, ``report``, ``replay``, ``validation``,
+``pipeline``, the stages (``momentum``, ``contact``, ``ocp``, ``ik``), ``keyposes``, ``features``,
+``mapping``, ``mjcf``, ``capture`` and ``clip``, ``kinematics``; ``face`` stands beside them. Each
+imports only from below.
+"""
 
 from __future__ import annotations
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 __version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from physretarget.capture import load as load_capture
+    from physretarget.capture.actor import ActorMotion
+    from physretarget.clip import Clip, load_clip
+    from physretarget.keyposes import KeyPose, KeyPoseSet, load_keyposes
+    from physretarget.mjcf import Character
+    from physretarget.pipeline import Retargeted, RetargetSettings, retarget
+    from physretarget.trained import TrainedMapper, learn
+    from physretarget.validation import Finding, Measure, Report, Settings
+    from physretarget.validation.validate import validate
+
+# Public name → (module, name there): imported when first asked for, since solvers and MuJoCo
+# take a second that `physretarget --help` need not spend.
+_WHERE = {
+    "ActorMotion": ("capture.actor", "ActorMotion"),
+    "Character": ("mjcf", "Character"),
+    "Clip": ("clip", "Clip"),
+    "Finding": ("validation", "Finding"),
+    "KeyPose": ("keyposes", "KeyPose"),
+    "KeyPoseSet": ("keyposes", "KeyPoseSet"),
+    "Measure": ("validation", "Measure"),
+    "Report": ("validation", "Report"),
+    "RetargetSettings": ("pipeline", "RetargetSettings"),
+    "Retargeted": ("pipeline", "Retargeted"),
+    "Settings": ("validation", "Settings"),
+    "TrainedMapper": ("trained", "TrainedMapper"),
+    "learn": ("trained", "learn"),
+    "load_capture": ("capture", "load"),
+    "load_clip": ("clip", "load_clip"),
+    "load_keyposes": ("keyposes", "load_keyposes"),
+    "retarget": ("pipeline", "retarget"),
+    "validate": ("validation", "validate"),
+}
+
+__all__ = [
+    "ActorMotion",
+    "Character",
+    "Clip",
+    "Finding",
+    "KeyPose",
+    "KeyPoseSet",
+    "Measure",
+    "Report",
+    "RetargetSettings",
+    "Retargeted",
+    "Settings",
+    "TrainedMapper",
+    "__version__",
+    "learn",
+    "load_capture",
+    "load_clip",
+    "load_keyposes",
+    "retarget",
+    "validate",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _WHERE:
+        raise AttributeError(f"module 'physretarget' has no attribute {name!r}")
+    module, attribute = _WHERE[name]
+    return getattr(import_module(f"physretarget.{module}"), attribute)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
