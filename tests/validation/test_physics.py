@@ -210,3 +210,10 @@ def test_measures_do_not_depend_on_the_frame_rate(data: Path) -> None:
             continue
         floor = SMALL.get(name, 0.0)
         assert values == pytest.approx([values[2]] * 3, rel=0.05, abs=floor), name
+
+
+def test_every_measure_is_documented(biped: Character, standing: Clip) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "measures.md").read_text(encoding="utf-8")
+    for name in validate(standing, biped).measures:
+        last = "_" + "_".join(name.rsplit("_", 2)[1:])
+        assert f"`{name}`" in page or f"`{last}`" in page, name
