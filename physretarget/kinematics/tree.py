@@ -45,6 +45,13 @@ class Joint:
     anchor: Floats
     reference: float = 0.0
 
+    @cached_property
+    def cross(self) -> tuple[Floats, Floats]:
+        """The matrix (3, 3) of the cross product with the axis, and its square."""
+        x, y, z = normalized(self.axis)
+        across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        return across, across @ across
+
 
 @dataclass(frozen=True, eq=False)
 class Tree:
@@ -254,5 +261,7 @@ def _joint_rotation(joint: Joint, qpos: Floats) -> Floats:
     """Rotation matrices (T, 3, 3) of a ball or hinge joint."""
     if joint.kind == "ball":
         return quat_to_matrix(quat_normalized(qpos[:, joint.qpos : joint.qpos + 4]))
-    angle = qpos[:, joint.qpos, None] - joint.reference
-    return quat_to_matrix(rotvec_to_quat(angle * normalized(joint.axis)))
+    angle = (qpos[:, joint.qpos] - joint.reference)[:, None, None]
+    across, twice = joint.cross
+    turn: Floats = np.sin(angle) * across + (1.0 - np.cos(angle)) * twice  # Rodrigues
+    return turn + np.eye(3)
