@@ -32,7 +32,8 @@ class IkSettings:
 
     Features far from every key pose belong to no pose; the best fit then leaps between far
     apart ones. Around frames that leap by more than ``leap`` rad (or m) and miss their markers
-    by more than ``doubt`` of the height, poses are chosen that follow each other:
+    by more than ``doubt`` of the height, and around those that leap by more than ``flip`` (the
+    other side of a singular shoulder), poses are chosen that follow each other:
     ``steadiness`` is what a step between frames costs, per rad², in mean squared marker
     distance over the height squared. Zero switches that off.
     """
@@ -41,6 +42,7 @@ class IkSettings:
     tolerance: float = 1e-4
     prior: float = 1e-6
     leap: float = 0.3
+    flip: float = 0.9
     doubt: float = 0.02
     steadiness: float = 0.01
 
@@ -133,45 +135,66 @@ class _Problem:
         return found.qpos, np.sqrt(np.mean(found.residual**2, axis=1))
 
 
-NEIGHBOURS = (-4, -1, 1, 4)
-"""Frames whose poses are tried as starts where the clip leaps."""
-SURROUNDINGS = 5
+REACH = 8
 """Frames to each side of a leap that are reconsidered."""
 
 
 def _steadied(problem: _Problem, qpos: Floats, rms: Floats) -> tuple[Floats, Floats]:
     """Poses that follow each other where the best fits leap, and their residuals.
 
-    Every doubtful frame gets candidates, solved from its neighbours' poses; the path through
-    them with the least cost is found by dynamic programming and then smoothed.
+    From each leap on the pose before it is followed onwards and the one after it backwards;
+    of the best fits and these two the path with the least cost is found by dynamic programming
+    and then smoothed.
     """
     character, settings = problem.character, problem.settings
     leap = np.abs(kinematics.difference(character.tree, qpos[:-1], qpos[1:])).max(axis=1)
     doubtful = rms > settings.doubt * character.height
-    leaps = np.flatnonzero((leap > settings.leap) & (doubtful[:-1] | doubtful[1:]))
+    near = (leap > settings.leap) & (doubtful[:-1] | doubtful[1:])
+    leaps = np.flatnonzero(near | (leap > settings.flip))
     if not len(leaps):
         return qpos, rms
-    near = leaps[:, None] + np.arange(-SURROUNDINGS, SURROUNDINGS + 2)
-    frames = np.unique(np.clip(near, 0, len(qpos) - 1))
-    tried = [(qpos[frames], rms[frames])]
-    for offset in NEIGHBOURS:
-        start = qpos[np.clip(frames + offset, 0, len(qpos) - 1)]
-        tried.append(problem.solved(start, frames, iterations=8))
-    choices = np.stack([t[0] for t in tried], axis=1)  # (n, candidates, nq)
-    misses = np.stack([t[1] for t in tried], axis=1)
+    reach = leaps[:, None] + np.arange(1 - REACH, REACH + 1)
+    frames = np.unique(np.clip(reach, 0, len(qpos) - 1))
+    tried = [(qpos, rms), *(_swept(problem, qpos, leaps, way) for way in (1, -1))]
+    choices = np.stack([t[0][frames] for t in tried], axis=1)  # (n, candidates, nq)
+    misses = np.stack([t[1][frames] for t in tried], axis=1)
     price = settings.steadiness * character.height**2
     best = _cheapest_path(character, frames, choices, misses, price)
     qpos, rms = qpos.copy(), rms.copy()
     each = np.arange(len(frames))
     qpos[frames], rms[frames] = choices[each, best], misses[each, best]
     inner = frames[(frames > 0) & (frames < len(qpos) - 1)]
+    weight = 2.0 * price * problem.target.shape[1]  # the solver's cost sums over markers
     for _ in range(4):
         before, after = qpos[inner - 1], qpos[inner + 1]
         half = 0.5 * kinematics.difference(character.tree, before, after)
         between = kinematics.integrate(character.tree, before, half)
-        weight = 2.0 * price * problem.target.shape[1]  # the solver's cost sums over markers
-        qpos[inner], rms[inner] = problem.solved(qpos[inner], inner, prior=between, weight=weight)
+        qpos[inner], rms[inner] = problem.solved(
+            qpos[inner], inner, prior=between, weight=weight, iterations=4
+        )
     return qpos, rms
+
+
+def _swept(problem: _Problem, qpos: Floats, leaps: Ints, way: int) -> tuple[Floats, Floats]:
+    """Poses followed frame by frame across each leap, onwards (1) or backwards (-1).
+
+    A step costs what it costs on the path that is sought. Frames that are not reached, and
+    those that a nearer leap has reached, keep what they have; the first have residual infinity.
+    """
+    swept, miss = qpos.copy(), np.full(len(qpos), np.inf)
+    weight = problem.settings.steadiness * problem.character.height**2 * problem.target.shape[1]
+    at = leaps if way > 0 else leaps + 1
+    now = qpos[at]
+    for _ in range(REACH):
+        at = at + way
+        inside = (at >= 0) & (at < len(qpos))
+        at, now = at[inside], now[inside]
+        if not len(at):
+            break
+        now, rms = problem.solved(now, at, weight=weight, iterations=6)
+        fresh = np.isinf(miss[at])
+        swept[at[fresh]], miss[at[fresh]] = now[fresh], rms[fresh]
+    return swept, miss
 
 
 def _cheapest_path(
