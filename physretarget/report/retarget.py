@@ -80,7 +80,7 @@ def retarget_data(result: Retargeted, mapper: TrainedMapper, report: Report) -> 
         force=_forces(result),
         latent=_latent(result, mapper),
         pose_variance=_standard_deviation(result),
-        numbers=_numbers(result, report),
+        numbers=_numbers(result),
         report=report,
         notes=result.notes,
         sections=_sections(result, mapper),
@@ -165,21 +165,15 @@ def _standard_deviation(result: Retargeted) -> Array | None:
     return None if np.isnan(variance).all() else np.sqrt(variance)
 
 
-def _numbers(result: Retargeted, report: Report) -> tuple[KeyNumber, ...]:
+def _numbers(result: Retargeted) -> tuple[KeyNumber, ...]:
     height = result.character.height
-    numbers = [
-        KeyNumber(
-            label="Findings",
-            value=f"{report.errors} errors, {report.warnings} warnings",
-            good=report.passed,
-        )
-    ]
+    numbers = []
     if result.placed is not None:
         error = 100 * result.placed.error
         numbers.append(
             KeyNumber(
                 label="Forward momentum",
-                value=error,
+                value=_at_least(error),
                 unit="%",
                 note="RMS off its target",
                 good=error <= 2.0,
@@ -189,7 +183,7 @@ def _numbers(result: Retargeted, report: Report) -> tuple[KeyNumber, ...]:
         numbers.append(
             KeyNumber(
                 label="Planted points move",
-                value=1000 * result.contacted.slide_max_m,
+                value=_at_least(1000 * result.contacted.slide_max_m),
                 unit="mm",
                 note="at most, within a stance",
                 good=result.contacted.slide_max_m < 0.002,
@@ -219,7 +213,7 @@ def _numbers(result: Retargeted, report: Report) -> tuple[KeyNumber, ...]:
             numbers.append(
                 KeyNumber(
                     label="Convex bound",
-                    value=physical.bound_rms,
+                    value=_at_least(physical.bound_rms),
                     unit="N",
                     note=f"mismatch is {physical.bound_ratio:.1f} × as much"
                     if near
@@ -237,6 +231,11 @@ def _numbers(result: Retargeted, report: Report) -> tuple[KeyNumber, ...]:
                 )
             )
     return tuple(numbers)
+
+
+def _at_least(value: float, smallest: float = 0.01) -> float | str:
+    """Figures below what matters are not worth their digits."""
+    return value if value >= smallest else f"< {smallest:g}"
 
 
 def _sections(result: Retargeted, mapper: TrainedMapper) -> dict[str, dict[str, object]]:
