@@ -191,7 +191,7 @@ def _swept(problem: _Problem, qpos: Floats, leaps: Ints, way: int) -> tuple[Floa
         at, now = at[inside], now[inside]
         if not len(at):
             break
-        now, rms = problem.solved(now, at, weight=weight, iterations=6)
+        now, rms = problem.solved(now, at, weight=weight, iterations=3)
         fresh = np.isinf(miss[at])
         swept[at[fresh]], miss[at[fresh]] = now[fresh], rms[fresh]
     return swept, miss
