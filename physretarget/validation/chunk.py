@@ -22,6 +22,7 @@ say where):
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,7 +77,12 @@ class Workspace:
 
     @classmethod
     def build(cls, character: Character, *, tolerance: float, friction: float) -> Workspace:
-        """Prepare a model."""
+        """Prepare a model; kept, since many clips share one."""
+        return _workspace(character, tolerance, friction)
+
+    @classmethod
+    def fresh(cls, character: Character, tolerance: float, friction: float) -> Workspace:
+        """Prepare a model: hulls of its meshes, a copy for self-collision, torque limits."""
         points = candidates(character)
         geoms = collision_geoms(character)
         declared = len(character.contacts) > 0
@@ -92,6 +98,11 @@ class Workspace:
             tolerance=tolerance,
             friction=friction,
         )
+
+
+@lru_cache(maxsize=8)
+def _workspace(character: Character, tolerance: float, friction: float) -> Workspace:
+    return Workspace.fresh(character, tolerance, friction)
 
 
 def analyse_chunk(work: Workspace, chunk: Chunk) -> Series:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from physretarget.kinematics import Pose
 from physretarget.validation.cones import RHO
-from physretarget.validation.geometry import Candidates, lowest_points
+from physretarget.validation.geometry import Candidates, lowest_heights, lowest_points
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -76,31 +76,48 @@ def find_touch(points: Candidates, pose: Pose, floor: float, tolerance: float) -
     lowest, lowest_body = np.full(frames, np.inf), np.zeros(frames, dtype=np.int64)
     on = np.zeros((frames, len(bodies)), dtype=bool)
     picked: list[tuple[Floats, Bools, int]] = []
-    near_enough = _can_matter(points, pose, floor, tolerance)
+    matters = _can_matter(points, pose, floor, tolerance)
     for index, body in enumerate(bodies):
-        if not near_enough[index]:
+        rows = np.flatnonzero(matters[:, index])
+        if len(rows) == 0:
             continue
         own = _of_body(points, int(body))
-        place = lowest_points(pose, own)
-        height = place[..., 2] - floor
+        height = lowest_heights(_rows(pose, rows), own) - floor
         low = height.min(axis=1)
-        lowest_body[low < lowest] = body
-        lowest = np.minimum(low, lowest)
-        near = height < tolerance
-        on[:, index] = near.any(axis=1)
-        if on[:, index].any():
-            picked.append((*_outermost(place, near), int(body)))
+        under = low < lowest[rows]
+        lowest_body[rows[under]] = body
+        lowest[rows] = np.minimum(low, lowest[rows])
+        touching = low < tolerance
+        if touching.any():
+            on[rows[touching], index] = True
+            near = height[touching] < tolerance
+            place, mask = _outermost(lowest_points(_rows(pose, rows[touching]), own), near)
+            picked.append((*_spread(place, mask, rows[touching], frames), int(body)))
     position, mask, owner = _packed(picked, frames)
     return Touch(position, owner, mask, lowest, lowest_body, bodies, on, floor)
 
 
+def _rows(pose: Pose, rows: Ints) -> Pose:
+    return (
+        pose if len(rows) == len(pose.position) else Pose(pose.position[rows], pose.rotation[rows])
+    )
+
+
+def _spread(place: Floats, mask: Bools, rows: Ints, frames: int) -> tuple[Floats, Bools]:
+    """Points of some frames among all frames."""
+    everywhere = np.zeros((frames, *place.shape[1:]))
+    there = np.zeros((frames, mask.shape[1]), dtype=bool)
+    everywhere[rows], there[rows] = place, mask
+    return everywhere, there
+
+
 def _can_matter(points: Candidates, pose: Pose, floor: float, tolerance: float) -> Bools:
-    """Bodies that may touch or be the lowest, by their bounding spheres."""
+    """(T, B) whether a body may touch or be the lowest, by its bounding sphere."""
     reach = np.linalg.norm(points.local, axis=1) + points.radius + points.axes.max(axis=1)
     bounds = np.array([reach[points.body == b].max() for b in points.bodies])
     height = pose.position[:, points.bodies, 2] - floor
     ceiling = np.maximum((height + bounds).min(axis=1), tolerance)
-    can: Bools = ((height - bounds) <= ceiling[:, None]).any(axis=0)
+    can: Bools = (height - bounds) <= ceiling[:, None]
     return can
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -217,3 +218,56 @@ def test_every_measure_is_documented(biped: Character, standing: Clip) -> None:
     for name in validate(standing, biped).measures:
         last = "_" + "_".join(name.rsplit("_", 2)[1:])
         assert f"`{name}`" in page or f"`{last}`" in page, name
+
+
+@pytest.mark.parametrize("frames", [1, 2, 3, 4, 6, 7])
+@pytest.mark.parametrize("hz", [None, 6.0])
+def test_the_shortest_clips_are_judged_or_said_not_to_be(
+    frames: int, hz: float | None, biped: Character, hop: Clip
+) -> None:
+    clip = replace(hop, qpos=hop.qpos[:frames], time=hop.time[:frames])
+    report = validate(clip, biped, settings=Settings(lowpass_hz=hz, also_literature=True))
+    assert "DAT004" in codes(report)
+    uncovered = {c.code for c in report.coverage if c.status == "not-covered"}
+    assert ("DYN001" in uncovered) == (frames < 4)
+    assert ("KIN003" in uncovered) == (frames < 7)
+    json.dumps(report.to_dict(), allow_nan=False)
+
+
+def test_model_without_contact_geometry_says_so(biped: Character, hop: Clip) -> None:
+    from physretarget.validation.chunk import Workspace
+
+    text = """<mujoco><worldbody><body pos="0 0 1"><freejoint/><inertial pos="0 0 0" mass="1"
+    diaginertia=".1 .1 .1"/><body><joint name="j" axis="0 1 0" range="-1 1" limited="true"/>
+    <inertial pos=".1 0 0" mass="1" diaginertia=".1 .1 .1"/></body></body></worldbody></mujoco>"""
+    bare = Character.from_xml(text, name="bare")
+    assert len(Workspace.build(bare, tolerance=0.01, friction=1.0).points) == 0
+    qpos = np.tile(bare.reference_qpos, (30, 1))
+    report = validate(Clip(qpos=qpos, time=np.arange(30) / 30), bare)
+    uncovered = {c.code: c.reason for c in report.coverage if c.status == "not-covered"}
+    assert {"CON001", "CON002", "CON003", "DYN001", "KIN005"} <= set(uncovered)
+    assert "contact geometry" in uncovered["CON003"]
+    assert value(report, "required_force_vertical_mean_bw") == pytest.approx(1, abs=1e-6)
+    assert report.measures["unexplained_force_rms_bw"].value is None
+
+
+def test_uneven_time_is_resampled_and_frames_stay_the_clips_own(
+    biped: Character, hop: Clip
+) -> None:
+    kept = np.r_[0:50, 53 : hop.frames]
+    uneven = replace(hop, qpos=hop.qpos[kept], time=hop.time[kept])
+    report = validate(uneven, biped)
+    gap = next(f for f in report.findings if f.code == "DAT001")
+    assert gap.severity == "error"
+    assert gap.frame == 50
+    assert report.clip.frames == len(kept)
+
+
+def test_forces_for_the_replay_add_up(biped: Character, standing: Clip) -> None:
+    report = validate(standing, biped)
+    assert report.forces is not None
+    assert report.forces.vector.shape == (standing.frames, 4, 3)
+    total = report.forces.vector.sum(axis=1)
+    np.testing.assert_allclose(total, np.tile([0, 0, 1.0], (standing.frames, 1)), atol=1e-4)
+    loaded = report.forces.vector[0, :, 2] > 0.1
+    np.testing.assert_allclose(report.forces.origin[0, loaded, 2], 0, atol=1e-6)
