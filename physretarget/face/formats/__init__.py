@@ -9,8 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from physretarget.errors import InputError, UsageError
+from physretarget.face.formats.gltf import read_gltf, write_gltf
+from physretarget.face.formats.live2d import is_live2d, read_live2d, write_live2d
 from physretarget.face.formats.livelink import is_livelink, read_livelink
 from physretarget.face.formats.lottie import is_lottie, read_lottie, write_lottie
+from physretarget.face.formats.maya_anim import read_maya, write_maya
 from physretarget.face.formats.plain import (
     is_curves,
     read_csv,
@@ -20,22 +23,31 @@ from physretarget.face.formats.plain import (
 )
 from physretarget.face.formats.source import Source
 from physretarget.face.formats.spine import is_spine, read_spine
+from physretarget.face.formats.usd import read_usd, write_usd
 from physretarget.face.shot import Shot, Take
 
 __all__ = [
     "FORMATS",
     "Format",
     "read_csv",
+    "read_gltf",
     "read_json",
+    "read_live2d",
     "read_livelink",
     "read_lottie",
+    "read_maya",
     "read_shots",
     "read_spine",
     "read_take",
+    "read_usd",
     "write_csv",
+    "write_gltf",
     "write_json",
+    "write_live2d",
     "write_lottie",
+    "write_maya",
     "write_shot",
+    "write_usd",
 ]
 
 
@@ -58,6 +70,16 @@ FORMATS: list[Format] = [
         "lottie", (".lottie.json", ".json"), lambda s: (read_lottie(s),), write_lottie, is_lottie
     ),
     Format("spine", (".json",), read_spine, None, is_spine),
+    Format(
+        "live2d",
+        (".motion3.json", ".json"),
+        lambda s: (read_live2d(s),),
+        write_live2d,
+        is_live2d,
+    ),
+    Format("maya", (".anim",), lambda s: (read_maya(s),), write_maya),
+    Format("gltf", (".gltf", ".glb"), read_gltf, write_gltf),
+    Format("usd", (".usda", ".usdc", ".usd"), lambda s: (read_usd(s),), write_usd),
     Format("curves", (".curves.json", ".json"), lambda s: (read_json(s),), write_json, is_curves),
 ]
 """Asked in this order; further formats append themselves."""

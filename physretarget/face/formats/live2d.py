@@ -20,7 +20,7 @@ from typing import Any
 from physretarget.errors import InputError
 from physretarget.face.curve import Curve, Key, TangentType
 from physretarget.face.formats.source import Source, mapping, number, sequence
-from physretarget.face.formats.tangents import Tangents, evaluated, is_cubic_in_time
+from physretarget.face.formats.tangents import Tangents, evaluated, is_cubic_in_time, is_straight
 from physretarget.face.shot import Shot
 from physretarget.files import write_file
 
@@ -143,23 +143,21 @@ def write_live2d(path: str | PathLike[str], shot: Shot) -> tuple[str, ...]:
     return tuple(losses)
 
 
-def _is_linear(left: Key, right: Key) -> bool:
-    return left.out_type == "linear" and right.in_type == "linear"
-
-
 def _bezier_spans(curve: Curve) -> list[bool]:
+    straight = is_straight(curve)
     return [
-        a.out_type not in ("stepped", "stepped_next") and not _is_linear(a, b)
-        for a, b in zip(curve.keys, curve.keys[1:], strict=False)
+        key.out_type not in ("stepped", "stepped_next") and not line
+        for key, line in zip(curve.keys, straight, strict=False)
     ]
 
 
 def _segments(curve: Curve, tangents: Tangents) -> list[float]:
     numbers = [curve.keys[0].time, curve.keys[0].value]
+    straight = is_straight(curve)
     for k, (left, right) in enumerate(zip(curve.keys, curve.keys[1:], strict=False)):
         if left.out_type in ("stepped", "stepped_next"):
             numbers.append(_STEPPED if left.out_type == "stepped" else _INVERSE)
-        elif _is_linear(left, right):
+        elif straight[k]:
             numbers.append(_LINEAR)
         else:
             out, into = tangents.out[k], tangents.into[k + 1]

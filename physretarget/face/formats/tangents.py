@@ -31,15 +31,14 @@ def evaluated(curve: Curve) -> Tangents:
     shortened: set[int] = set()
     if len(table) > 1:
         controls = curve.controls
-        for side, offsets in (
-            (out[:-1], controls[:, 1] - controls[:, 0]),
-            (into[1:], controls[:, 2] - controls[:, 3]),
+        for first, side, offsets in (
+            (0, out[:-1], controls[:, 1] - controls[:, 0]),
+            (1, into[1:], controls[:, 2] - controls[:, 3]),
         ):
             # Compared with rounding in mind, so that untouched tangents keep every digit.
             scale = 1e-9 * (np.abs(side) + np.abs(controls[:, 0]) + np.abs(controls[:, 3]))
             changed = (np.abs(offsets - side) > scale).any(axis=1)
             side[changed] = offsets[changed]
-            first = 0 if np.shares_memory(side, out) else 1
             shortened |= {int(k) + first for k in np.flatnonzero(changed)}
     into[:, 0], out[:, 0] = np.minimum(into[:, 0], 0.0), np.maximum(out[:, 0], 0.0)
     return Tangents(into, out, tuple(sorted(shortened)))
@@ -55,6 +54,17 @@ def is_cubic_in_time(curve: Curve, tolerance: float = 1e-9) -> NDArray[np.bool_]
     second = np.abs((x[:, 2] - x[:, 0]) / width - 2.0 / 3.0)
     near: NDArray[np.bool_] = np.maximum(first, second) <= tolerance
     return near
+
+
+def is_straight(curve: Curve, tolerance: float = 1e-12) -> NDArray[np.bool_]:
+    """(K-1,) whether a span's handles lie on its chord at thirds: a line at even speed."""
+    if len(curve.keys) < 2:
+        return np.zeros(0, dtype=bool)
+    table = curve.table
+    third = np.diff(table[:, :2], axis=0) / 3.0
+    size = tolerance * (np.abs(table[1:, :2]) + np.abs(table[:-1, :2]) + np.abs(third))
+    near = (np.abs(table[:-1, 4:6] - third) <= size) & (np.abs(table[1:, 2:4] + third) <= size)
+    return np.asarray(near.all(axis=1), dtype=bool)
 
 
 def worst_difference(a: Curve, b: Curve, per_span: int = 32) -> float:
