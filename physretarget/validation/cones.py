@@ -35,7 +35,7 @@ Bools = NDArray[np.bool_]
 RHO = 1e-7
 # Strong convexity: the residual is as near to its optimum as the gradient is to zero.
 _TOLERANCE = 1e-8
-_ITERATIONS = 20
+_ITERATIONS = 30
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,10 +26,10 @@ LOADED_BW, LOADED_SHARE = 0.1, 0.25
 # Sliding is braked when friction takes this share of the power that the cone allows.
 BRAKED = 0.7
 _ARROWS = 4
-# The fit prefers resting points: one that slides at this speed (m/s) costs twice as much. The
-# dearest still moves the residual by less than a few hundredths of the force it would bear.
-_SLOW = 0.02
-_DEAREST = 1e5
+# The fit prefers resting points. The price of force grows with the square of the speed beyond
+# the slowest touching point's: 1e-3 at 0.1 m/s, 0.1 at 1 m/s, where 1 would halve the force.
+_PRICE_PER_SPEED2 = 0.1
+_DEAREST = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,10 +178,13 @@ def touch_rho(touch: Touch, speed: Floats, tolerance: float) -> Floats:
     """(T, n) price of force at a point: resting points on the floor come first.
 
     Where several points could bear the load, the kindest reading of the clip is taken: the
-    foot at rest stands, the one that passes by does not.
+    foot at rest stands, the one that passes by does not. Speed counts relative to the slowest
+    point of the frame, so that a body sliding as a whole is explained like one at rest.
     """
     above = np.clip((touch.position[..., 2] - touch.floor) / tolerance, 0.0, 1.0)
-    return RHO * np.minimum(1 + 9 * above**2 + (speed / _SLOW) ** 2, _DEAREST)
+    slowest = np.where(touch.mask, speed, np.inf).min(axis=1, keepdims=True, initial=np.inf)
+    beyond = np.where(touch.mask, speed - slowest, 0.0)
+    return np.minimum(RHO * (1 + 9 * above**2) + _PRICE_PER_SPEED2 * beyond**2, _DEAREST)
 
 
 def skate(touch: Touch, force: Floats, velocity: Floats, friction: float) -> Series:
