@@ -1,0 +1,126 @@
+"""What is measured of a result (never by counting keys alone).
+
+Recovery: a curve the library has not seen is turned into pseudo-capture and matched; how many of
+the animator's keys come back, and how close is the curve to the clean one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physretarget.face.curve import Curve
+
+Array = NDArray[np.float64]
+
+
+def key_f1(found: Array, true: Array, tolerance: float) -> tuple[float, float, float]:
+    """F1, precision and recall of key times; every key pairs with at most one other.
+
+    Both lists ascending; pairing neighbours greedily in order of time is optimal on a line.
+    """
+    i = j = hits = 0
+    while i < len(found) and j < len(true):
+        apart = found[i] - true[j]
+        if abs(apart) <= tolerance + 1e-9:
+            hits, i, j = hits + 1, i + 1, j + 1
+        elif apart < 0:
+            i += 1
+        else:
+            j += 1
+    precision = hits / len(found) if len(found) else 0.0
+    recall = hits / len(true) if len(true) else 0.0
+    total = precision + recall
+    return (2 * precision * recall / total if total else 0.0), precision, recall
+
+
+def pseudo_capture(
+    curve: Curve, fps: float, rng: np.random.Generator, *, noise: float = 0.01, jitter: float = 1.0
+) -> tuple[Array, Array]:
+    """Dense samples of an animator's curve as a capture device would give them.
+
+    Args:
+        curve: the clean curve; frames run from its first to its last key.
+        fps: frame rate.
+        rng: source of randomness.
+        noise: standard deviation, as a fraction of the curve's range.
+        jitter: each frame is taken up to so many frames early or late (uniform).
+
+    Returns:
+        Clean and noisy values (T,).
+    """
+    count = max(2, int(np.floor((curve.end - curve.start) * fps + 0.5)) + 1)
+    time = curve.start + np.arange(count) / fps
+    clean = curve.evaluate(time)
+    late = rng.uniform(-jitter, jitter, count) / fps
+    noisy = curve.evaluate(time + late) + rng.normal(0.0, noise * np.ptp(clean), count)
+    return clean, noisy
+
+
+def extrema(values: Array, least: float) -> NDArray[np.intp]:
+    """Frames of turning points that stand out by at least so much on both sides."""
+    turns: list[int] = []
+    low = high = 0
+    direction = 0
+    for frame, value in enumerate(values):
+        if value > values[high]:
+            high = frame
+        if value < values[low]:
+            low = frame
+        if direction >= 0 and values[high] - value >= least:
+            if direction > 0 or high > 0:
+                turns.append(high)
+            direction, low = -1, frame
+            high = frame
+        elif direction <= 0 and value - values[low] >= least:
+            if direction < 0 or low > 0:
+                turns.append(low)
+            direction, high = 1, frame
+            low = frame
+    return np.array(turns, dtype=np.intp)
+
+
+def extremum_timing(result: Array, capture: Array, least: float) -> float:
+    """Mean distance in frames from the capture's turning points to the result's nearest."""
+    wanted, got = extrema(capture, least), extrema(result, 0.5 * least)
+    if not len(wanted):
+        return 0.0
+    if not len(got):
+        return float("nan")
+    return float(np.abs(wanted[:, None] - got[None]).min(axis=1).mean())
+
+
+@dataclass(frozen=True)
+class Style:
+    """How keys are set: spacing, tangent lengths (of the span), flat and held shares."""
+
+    spacing: Array
+    handles: Array
+    flat_share: float
+    hold_share: float
+
+
+def style(curves: list[Curve], level: float = 0.01) -> Style:
+    """Key statistics of curves; level: slopes and rises under this part of the range are flat."""
+    spacing, handles, flat, hold = [], [], [], []
+    for curve in curves:
+        if len(curve.keys) < 2:
+            continue
+        controls = curve.controls
+        width = controls[:, 3, 0] - controls[:, 0, 0]
+        extent = float(np.ptp(controls[:, :, 1])) or 1.0
+        spacing.append(width)
+        handles.append((controls[:, 1, 0] - controls[:, 0, 0]) / width)
+        handles.append((controls[:, 3, 0] - controls[:, 2, 0]) / width)
+        flat.append(np.abs(controls[:, 1, 1] - controls[:, 0, 1]) < level * extent)
+        hold.append(np.ptp(controls[:, :, 1], axis=1) < level * extent)
+    if not spacing:
+        return Style(np.empty(0), np.empty(0), 0.0, 0.0)
+    return Style(
+        np.concatenate(spacing),
+        np.concatenate(handles),
+        float(np.concatenate(flat).mean()),
+        float(np.concatenate(hold).mean()),
+    )

@@ -1,0 +1,94 @@
+"""Which segments go where: the paper's greedy placement and an optimal one.
+
+The optimal placement is a shortest path through the frames: an edge from frame i to frame j is a
+segment laid over [i, j]; its price is its misfit plus a price per key. It finds the cheapest cover
+of the take, where the greedy one claims the longest acceptable match first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Placed:
+    """Template number ``template`` (-1: none) over frames first to last; kind of its table."""
+
+    first: int
+    last: int
+    template: int
+    phrase: bool = False
+    fitted: bool = False
+
+
+def lengths(frames: int, fps: float, longest: float) -> NDArray[np.intp]:
+    """Window lengths (in intervals) that are tried: every one up to a second, then by 4 %."""
+    top = min(frames - 1, max(2, round(longest * fps)))
+    dense = list(range(min(2, top), min(top, max(8, round(fps))) + 1))
+    while dense[-1] < top:
+        dense.append(min(top, max(dense[-1] + 1, round(dense[-1] * 1.04))))
+    return np.array(dense, dtype=np.intp)
+
+
+def shortest_path(cost: Array, spans: NDArray[np.intp]) -> list[list[tuple[int, int]]]:
+    """Cheapest chains from the first to the last frame, for all channels at once.
+
+    Args:
+        cost: (C, M, L) price of the edge that ends at frame j with length spans[l].
+        spans: (L,) ascending lengths.
+
+    Returns:
+        Per channel the edges (end frame, l) in order of time.
+    """
+    channels, frames, _ = cost.shape
+    best = np.full((channels, frames), np.inf)
+    best[:, 0] = 0.0
+    taken = np.zeros((channels, frames), dtype=np.intp)
+    for j in range(1, frames):
+        usable = int(np.searchsorted(spans, j, side="right"))
+        if not usable:
+            continue
+        total = best[:, j - spans[:usable]] + cost[:, j, :usable]
+        taken[:, j] = np.argmin(total, axis=1)
+        best[:, j] = np.take_along_axis(total, taken[:, j : j + 1], axis=1)[:, 0]
+    paths = []
+    for c in range(channels):
+        edges = []
+        j = frames - 1
+        while j > 0:
+            edges.append((j, int(taken[c, j])))
+            j -= int(spans[taken[c, j]])
+        paths.append(edges[::-1])
+    return paths
+
+
+def weighted_intervals(
+    first: NDArray[np.intp], last: NDArray[np.intp], price: Array, frames: int, idle: float
+) -> list[int]:
+    """Cheapest choice of intervals that overlap at most at their ends; uncovered frames cost idle.
+
+    A twin of shortest_path for a list of candidates, O(n log n): intervals by their ends.
+    """
+    order = np.argsort(last, kind="stable")
+    ends = last[order]
+    best = np.zeros(len(order) + 1)
+    use = np.zeros(len(order), dtype=bool)
+    before = np.searchsorted(ends, first[order], side="right")
+    for k, index in enumerate(order):
+        gain = price[index] - idle * (last[index] - first[index])
+        use[k] = best[before[k]] + gain < best[k]
+        best[k + 1] = min(best[k], best[before[k]] + gain)
+    chosen = []
+    k = len(order)
+    while k > 0:
+        if use[k - 1]:
+            chosen.append(int(order[k - 1]))
+            k = int(before[k - 1])
+        else:
+            k -= 1
+    return chosen[::-1]
