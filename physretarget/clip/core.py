@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from physretarget.files import npz_bytes, write_file
 from physretarget.errors import InputError
+from physretarget.files import npz_bytes, write_file
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
