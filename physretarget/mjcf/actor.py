@@ -111,7 +111,7 @@ def _inertial(part: SegmentInertia) -> str:
     tensor = part.inertia
     order = (tensor[0, 0], tensor[1, 1], tensor[2, 2], tensor[0, 1], tensor[0, 2], tensor[1, 2])
     return (
-        f'<inertial pos="{_numbers(part.com)}" mass="{part.mass!r}" '
+        f'<inertial pos="{_numbers(part.com)}" mass="{float(part.mass)!r}" '
         f'fullinertia="{_numbers(np.array(order))}"/>'
     )
 

@@ -72,6 +72,11 @@ def test_masses_and_inertias_are_a_human_body(shape: ActorShape) -> None:
         np.testing.assert_allclose(compiled, part.inertia, atol=1e-9)
 
 
+def test_a_mass_may_come_from_a_numpy_computation() -> None:
+    shape = replace(ActorShape.reference(), mass=np.float64(589.0) / 9.81)
+    assert actor_character(shape).mass == pytest.approx(589.0 / 9.81)
+
+
 def test_reference_actor_against_measured_people() -> None:
     """Whole-body figures from the literature, independent of the table."""
     actor = actor_character(ActorShape.reference())
