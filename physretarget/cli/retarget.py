@@ -14,7 +14,7 @@ from physretarget.errors import PhysretargetError, UsageError
 from physretarget.keyposes import load_keyposes
 from physretarget.mapping import NAMES
 from physretarget.mjcf import Character
-from physretarget.pipeline import STAGES, Retargeted, RetargetSettings, retarget
+from physretarget.pipeline import STAGES, TAILS, Retargeted, RetargetSettings, retarget
 from physretarget.report.retarget import write_retarget_report
 from physretarget.trained import TrainedMapper, check_mobile, learn
 from physretarget.validation import validate
@@ -92,6 +92,14 @@ def retarget_command(
     heading: Annotated[
         str, typer.Option("--heading", help="Where yaw comes from.", **complete(HEADINGS))
     ] = "actor",
+    tail: Annotated[
+        str,
+        typer.Option(
+            "--tail",
+            help="Joints that the model names as passive: mapped, or simulated as springs.",
+            **complete(TAILS),
+        ),
+    ] = "mapped",
     contacts: Annotated[
         Path | None,
         typer.Option("--contacts", help="Contact phases set by hand (TOML).", metavar="FILE"),
@@ -101,7 +109,7 @@ def retarget_command(
         typer.Option("--fps", help="The clip's frame rate (default: the capture's, up to 60)."),
     ] = None,
     lowpass: Annotated[
-        float, typer.Option("--lowpass", min=0.0, help="Low-pass of the capture in Hz; 0 for none.")
+        float, typer.Option("--lowpass", help="Low-pass of the capture in Hz; 0 for none.")
     ] = 6.0,
     unit: Annotated[
         str | None,
@@ -128,6 +136,7 @@ def retarget_command(
     one_of(until, STAGES, "--until")
     one_of(physics, ocp.PRESETS, "--physics")
     one_of(heading, HEADINGS, "--heading")
+    one_of(tail, TAILS, "--tail")
     targets = _targets(captures, out)
     model = _mobile(character)
     trained = (
@@ -139,6 +148,7 @@ def retarget_command(
         until=until,  # type: ignore[arg-type]
         physics=physics,  # type: ignore[arg-type]
         heading=heading,  # type: ignore[arg-type]
+        tail=tail,  # type: ignore[arg-type]
         fps=fps,
         lowpass_hz=lowpass or None,
         seed=seed,

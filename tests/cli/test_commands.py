@@ -1,0 +1,189 @@
+"""What every command owes its user: help with an example, streams, exit codes, same bytes."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import typer.main
+
+import physretarget
+from physretarget.cli import app
+from physretarget.clip import Clip, load_clip
+from physretarget.mjcf import Character
+
+from .conftest import LAMP, MODELS, Run
+
+
+def _commands() -> list[tuple[str, ...]]:
+    def walk(group, before: tuple[str, ...]):
+        yield before
+        for name, command in getattr(group, "commands", {}).items():
+            yield from walk(command, (*before, name))
+
+    return list(walk(typer.main.get_command(app), ()))
+
+
+COMMANDS = _commands()
+
+
+def test_the_commands_that_were_promised_are_there() -> None:
+    promised = {"demo", "retarget", "learn", "validate", "rules", "inspect", "replay", "convert"}
+    assert promised <= {c[0] for c in COMMANDS if c}
+    assert {("keyposes", "check"), ("keyposes", "sheet")} <= set(COMMANDS)
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
+def test_help_has_an_example_of_this_very_command(run: Run, command: tuple[str, ...]) -> None:
+    got = run(*command, "--help")
+    assert got.code == 0
+    assert got.err == ""
+    text = " ".join(got.out.split())
+    assert "Example: " + " ".join(("physretarget", *command)) in text
+    nested = any(c[:-1] == command for c in COMMANDS if c)
+    assert nested or ("--quiet" in text and "--debug" in text)
+
+
+@pytest.mark.parametrize("command", [c for c in COMMANDS if c], ids=" ".join)
+def test_examples_use_options_that_exist(run: Run, command: tuple[str, ...]) -> None:
+    text = " ".join(run(*command, "--help").out.split())
+    usage, example = text.split("Example: ")
+    for option in re.findall(r"--[a-z-]+", example):
+        assert option in usage or command == ("keyposes",)
+
+
+def test_version(run: Run) -> None:
+    assert run("--version").out == f"physretarget {physretarget.__version__}\n"
+
+
+def test_retarget_writes_a_clip_and_tells_on_stderr(run: Run, tmp_path: Path, good: Path) -> None:
+    out = tmp_path / "new" / "folder" / "clip.npz"
+    got = run("retarget", good, *LAMP, "--mapper", "pca", "--until", "contacted", "--out", out)
+    assert got.code == 0
+    assert got.out == ""
+    assert "clip.npz: 45 frames" in got.err.replace("\n", " ")
+    assert "\x1b" not in got.err  # neither colour nor bar when piped
+    lamp = Character.load(MODELS / "lamp.xml")
+    clip = load_clip(out, character=lamp)
+    assert clip.joint_names == lamp.joint_names
+    assert clip.model_sha256 == lamp.sha256
+    assert clip.contact_active is not None
+    assert clip.meta["inputs"]["capture"]["name"] == "bow.bvh"
+    assert {p.name for p in out.parent.iterdir()} == {"clip.npz"}
+
+
+def test_quiet_is_silent(run: Run, tmp_path: Path, good: Path) -> None:
+    mapper, clip = tmp_path / "m.npz", tmp_path / "c.npz"
+    learned = run("learn", *LAMP, "--mapper", "nn3", "--out", mapper, "--quiet")
+    assert (learned.code, learned.out, learned.err) == (0, "", "")
+    made = run("retarget", good, *LAMP[:2], "--mapper", mapper, "--out", clip, "-q")
+    assert (made.code, made.out, made.err) == (0, "", "")
+    judged = run("validate", clip, "--model", LAMP[1], "--out", tmp_path / "r.txt", "--quiet")
+    assert judged.code in (0, 1)
+    assert (judged.out, judged.err) == ("", "")
+
+
+def test_validate_prints_results_to_stdout_and_fails_on_findings(run: Run, tmp_path: Path) -> None:
+    lamp = Character.load(MODELS / "lamp.xml")
+    still = Clip(
+        qpos=lamp.reference_qpos[None].repeat(30, axis=0),
+        time=np.arange(30) / 30,
+        joint_names=lamp.joint_names,
+    )
+    still.save(tmp_path / "still.npz")
+    hovering = still.qpos.copy()
+    hovering[:, 2] += 0.5
+    Clip(qpos=hovering, time=still.time, joint_names=lamp.joint_names).save(
+        tmp_path / "hovering.npz"
+    )
+    model = ("--model", LAMP[1])
+    fine = run("validate", tmp_path / "still.npz", *model)
+    assert (fine.code, fine.err) == (0, "")
+    assert fine.out
+    bad = run("validate", tmp_path / "hovering.npz", *model, "--format", "json")
+    assert (bad.code, bad.err) == (1, "")
+    assert bad.out.lstrip().startswith("{")
+    both = run(
+        "validate", tmp_path / "still.npz", tmp_path / "hovering.npz", *model, "--format", "json",
+        "--out", tmp_path / "reports",
+    )  # fmt: skip
+    assert (both.code, both.out) == (1, "")
+    names = {p.name for p in (tmp_path / "reports").iterdir()}
+    assert names == {"still.json", "hovering.json"}
+
+
+def test_rules_and_inspect_print_to_stdout(run: Run) -> None:
+    assert "DYN001" in run("rules").out
+    assert "DYN001" in run("rules", "dyn001").out
+    assert run("inspect", LAMP[1]).out.startswith("lamp: ")
+
+
+def test_a_folder_takes_a_single_capture_too(run: Run, tmp_path: Path, good: Path) -> None:
+    (tmp_path / "clips").mkdir()
+    quick = ("--mapper", "nn3", "--until", "mapped")
+    assert run("retarget", good, *LAMP, *quick, "--out", tmp_path / "clips").code == 0
+    assert (tmp_path / "clips" / "bow.npz").is_file()
+
+
+def _process(*arguments: object, folder: Path, seed: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "physretarget", *map(str, arguments)],
+        cwd=folder,
+        env={**os.environ, "PYTHONHASHSEED": seed},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.mark.slow
+def test_same_inputs_same_bytes_in_two_processes(tmp_path: Path, good: Path) -> None:
+    made = []
+    for seed in ("1", "2"):
+        folder = tmp_path / seed
+        folder.mkdir()
+        learned = _process("learn", *LAMP, "--out", "m.npz", folder=folder, seed=seed)
+        assert learned.returncode == 0, learned.stderr
+        done = _process(
+            "retarget", good, *LAMP[:2], "--mapper", "m.npz", "--out", "c.npz", "--report", "r",
+            folder=folder, seed=seed,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        files = {p.name: p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+        page = files["report.html"]  # says how long each stage took: no two runs are alike in that
+        files["report.html"] = re.sub(rb"<dd>[0-9.]+ s( for [^<]*)?</dd>", b"", page)
+        made.append(files)
+    assert made[0].keys() == made[1].keys()
+    assert [name for name in made[0] if made[0][name] != made[1][name]] == []
+
+
+@pytest.mark.slow
+def test_a_terminal_sees_progress(tmp_path: Path, good: Path) -> None:
+    pty = pytest.importorskip("pty")
+    ours, theirs = pty.openpty()
+    with subprocess.Popen(
+        [
+            sys.executable, "-m", "physretarget", "retarget", str(good), *LAMP,
+            "--mapper", "pca", "--out", str(tmp_path / "c.npz"),
+        ],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=theirs,
+        env={**os.environ, "TERM": "xterm", "COLUMNS": "200"},
+    ) as process:  # fmt: skip
+        os.close(theirs)
+        seen = b""
+        try:
+            while chunk := os.read(ours, 4096):
+                seen += chunk
+        except OSError:  # Linux says EIO when the other side closes
+            pass
+    os.close(ours)
+    assert process.returncode == 0
+    assert b"bow.bvh" in seen
+    assert b"\x1b[" in seen
