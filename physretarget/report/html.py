@@ -14,7 +14,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from physretarget import __version__
+from physretarget import __version__, assets
 from physretarget.clip import Clip
 from physretarget.replay.clip import report_forces
 from physretarget.replay.figures import Modelled, figure
@@ -507,11 +507,11 @@ def _page(
         .render(
             version=__version__,
             css={
-                "uplot": Markup(asset("uPlot.min.css")),
+                "uplot": Markup(assets.text("uPlot.min.css")),
                 "player": player_css(),
                 "report": Markup(_source("report.css")),
             },
-            scripts=(*player_scripts(), Markup(asset("uPlot.iife.min.js")), *ours),
+            scripts=(*player_scripts(), Markup(assets.text("uPlot.iife.min.js")), *ours),
             data_json=Markup(script_json(data)),
             **context,
         )

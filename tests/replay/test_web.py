@@ -7,6 +7,7 @@ import urllib.request
 
 import pytest
 
+from physretarget import assets
 from physretarget.errors import InputError, UsageError
 from physretarget.replay.web import asset, render, server, write_html
 
@@ -66,4 +67,4 @@ def test_a_port_out_of_range_is_a_usage_error() -> None:
 
 def test_licences_travel_with_the_libraries() -> None:
     assert "MIT" in asset("LICENSE.three")
-    assert "MIT" in asset("LICENSE.uplot")
+    assert "MIT" in assets.text("LICENSE.uplot")
