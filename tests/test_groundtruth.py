@@ -18,10 +18,12 @@ from physretarget.groundtruth import (
     compare,
     contact_timing,
     coverage,
+    load_plate_trial,
     load_trial,
     load_trials,
     loaded_feet,
     standing_weight,
+    with_weight_of_impulse,
 )
 from physretarget.groundtruth.__main__ import main
 from physretarget.groundtruth.page import judge, write_page
@@ -191,6 +193,16 @@ def test_measured_forces_explain_standing_and_a_centimetre_shows():
     assert by_fitted_forces(trial, covered, hz=6.0).force_peak < 1e-3
 
 
+def test_a_weight_can_be_told_from_the_impulse():
+    heavier = bouncing(1.2)
+    found = with_weight_of_impulse(heavier, hz=6.0)
+    assert found.weight == pytest.approx(1.2 * WEIGHT, rel=3e-3)
+    assert found.character.mass == pytest.approx(found.weight / GRAVITY)
+    assert compare(found, coverage(found), hz=6.0).vertical.rmse < 2e-3
+    with pytest.raises(InputError, match="cover too little"):
+        with_weight_of_impulse(replace(heavier, forces=heavier.forces[:1]), hz=6.0)
+
+
 def mot(path: Path, vertical: np.ndarray) -> Path:
     head = "a\nnRows=1\nendheader\ntime\tground_force_1_vx\tground_force_1_vy\tground_force_1_vz\n"
     rows = "".join(f"{i / 100}\t0\t{value}\t0\n" for i, value in enumerate(vertical))
@@ -248,3 +260,17 @@ def test_real_plates(data: Path):
         assert one.measured.force_rms < 0.15
         if name != "DJ2":
             assert max(found.forward.rmse, found.left.rmse) < 0.03
+
+
+@pytest.mark.data
+def test_real_plates_in_a_c3d_file(data: Path):
+    # Another body, laboratory and camera system; nobody stands, so the course alone is judged.
+    trial = load_plate_trial(data / "c3d" / "Qualisys.c3d", weight=700.0)
+    trial = with_weight_of_impulse(trial, hz=6.0)
+    found = compare(trial, coverage(trial), hz=6.0)
+    assert found.frames.sum() > 0.5 * trial.motion.fps
+    assert found.vertical.rmse < 0.04
+    assert found.vertical.r is not None
+    assert found.vertical.r > 0.98
+    with pytest.raises(InputError, match="no force plates"):
+        load_plate_trial(data / "c3d" / "cmu_02_05.c3d", weight=700.0)

@@ -8,11 +8,17 @@
 
 from __future__ import annotations
 
-from physretarget.groundtruth.compare import Agreement, Comparison, compare
+from physretarget.groundtruth.compare import Agreement, Comparison, compare, with_weight_of_impulse
 from physretarget.groundtruth.contacts import ContactTiming, contact_timing
 from physretarget.groundtruth.coverage import Coverage, coverage, loaded_feet
 from physretarget.groundtruth.explain import Unexplained, by_fitted_forces, by_measured_forces
-from physretarget.groundtruth.trial import Trial, load_trial, load_trials, standing_weight
+from physretarget.groundtruth.trial import (
+    Trial,
+    load_plate_trial,
+    load_trial,
+    load_trials,
+    standing_weight,
+)
 
 __all__ = [
     "Agreement",
@@ -26,8 +32,10 @@ __all__ = [
     "compare",
     "contact_timing",
     "coverage",
+    "load_plate_trial",
     "load_trial",
     "load_trials",
     "loaded_feet",
     "standing_weight",
+    "with_weight_of_impulse",
 ]

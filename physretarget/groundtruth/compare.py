@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from physretarget.contact.phases import runs
-from physretarget.groundtruth.coverage import Coverage
+from physretarget.errors import InputError
+from physretarget.groundtruth.coverage import Coverage, coverage
 from physretarget.groundtruth.trial import GRAVITY, Bools, Floats, Trial
 from physretarget.kinematics import forward
 from physretarget.mjcf import derivatives, lowpass, momentum, required_wrench
@@ -84,6 +85,21 @@ def compare(trial: Trial, covered: Coverage, *, hz: float) -> Comparison:
         impulse_ratio=_impulse_ratio(motion.time, raw[:, 2], speed, frames),
         delay=_delay(motion.time, predicted[:, 2], measured[:, 2], frames),
     )
+
+
+def with_weight_of_impulse(trial: Trial, *, hz: float) -> Trial:
+    """The trial with the weight that makes ``impulse_ratio`` 1.
+
+    For trials in which nobody stood still on the plates. Weight so found says nothing about
+    the mean force any more; the force's course is judged as before. Raises InputError where
+    less than half a second is covered.
+    """
+    ratio = compare(trial, coverage(trial), hz=hz).impulse_ratio
+    if ratio is None:
+        raise InputError(f"{trial.name}: the plates cover too little to tell the body's weight")
+    weight = trial.weight * ratio
+    shape = replace(trial.motion.shape, mass=weight / GRAVITY)
+    return replace(trial, weight=weight, motion=replace(trial.motion, shape=shape))
 
 
 def _heading(trial: Trial, frames: Bools) -> Floats:

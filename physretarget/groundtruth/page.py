@@ -52,8 +52,17 @@ def judge(trial: Trial, *, hz: float = DEFAULT_HZ) -> Judged:
     )
 
 
-def write_page(trials: Sequence[Trial], page: str | Path, *, hz: float = DEFAULT_HZ) -> None:
-    """Write the page, and its pictures into the folder ``images`` beside it."""
+def write_page(
+    trials: Sequence[Trial],
+    page: str | Path,
+    *,
+    others: Sequence[Trial] = (),
+    hz: float = DEFAULT_HZ,
+) -> None:
+    """Write the page, and its pictures into the folder ``images`` beside it.
+
+    ``others`` are trials of other bodies and laboratories, in a table of their own.
+    """
     page = Path(page)
     judged = [judge(trial, hz=hz) for trial in sorted(trials, key=lambda trial: trial.name)]
     comparisons = [one.at(hz) for one in judged]
@@ -77,7 +86,9 @@ def write_page(trials: Sequence[Trial], page: str | Path, *, hz: float = DEFAULT
     }
     for name, content in pictures.items():
         write_file(images / name, content)
-    write_file(page, render(judged, hz=hz, findings=_findings(page)).encode("utf-8"))
+    further = [judge(trial, hz=hz) for trial in others]
+    text = render(judged, others=further, hz=hz, findings=_findings(page))
+    write_file(page, text.encode("utf-8"))
 
 
 def _findings(page: Path) -> str:
@@ -87,7 +98,9 @@ def _findings(page: Path) -> str:
     return kept[1].strip() if kept else "Nothing has been written about these trials yet."
 
 
-def render(judged: Sequence[Judged], *, hz: float, findings: str) -> str:
+def render(
+    judged: Sequence[Judged], *, others: Sequence[Judged] = (), hz: float, findings: str
+) -> str:
     """The page's Markdown; ``findings`` is the section written by hand."""
     environment = Environment(
         loader=PackageLoader("physretarget.groundtruth", "."),
@@ -100,7 +113,8 @@ def render(judged: Sequence[Judged], *, hz: float, findings: str) -> str:
     environment.filters["f"] = _number
     environment.filters["ms"] = _milliseconds
     return environment.get_template("page.md.j2").render(
-        judged=judged, hz=hz, findings=findings, filters=FILTERS, loaded=LOADED, margin=MARGIN,
+        judged=judged, others=others, hz=hz, findings=findings,
+        filters=FILTERS, loaded=LOADED, margin=MARGIN,
         weight=judged[0].trial.weight, mass=judged[0].trial.weight / GRAVITY,
     )  # fmt: skip
 

@@ -13,6 +13,7 @@ from scipy.signal import butter, sosfiltfilt
 from physretarget import capture
 from physretarget.capture.actor import ActorMotion
 from physretarget.capture.mot import GroundForce, read_mot
+from physretarget.capture.recording import MarkerRecording
 from physretarget.errors import InputError, UsageError
 from physretarget.mjcf import Character, actor_character
 
@@ -97,7 +98,7 @@ def load_trial(markers: str | Path, forces: str | Path, *, weight: float) -> Tri
     Both files must share one clock and one set of axes, as OpenSim's pairs do. The feet were
     put on z = 0 by the fit, so the centres of pressure are put there as well.
     """
-    motion = capture.load(markers, mass=weight / GRAVITY)
+    motion = capture.load(markers, mass=float(weight) / GRAVITY)
     placed = []
     for force in read_mot(forces, up=motion.source.up):
         point = force.point.copy()
@@ -109,6 +110,32 @@ def load_trial(markers: str | Path, forces: str | Path, *, weight: float) -> Tri
     if not trial.known.any():
         raise InputError("markers and forces have no time in common", path=forces)
     return trial
+
+
+def load_plate_trial(path: str | Path, *, weight: float) -> Trial:
+    """The trial of a file (.c3d) that holds its force plates beside the markers.
+
+    Raises InputError for a file without plates.
+    """
+    recording = capture.read(path)
+    plates = recording.plates if isinstance(recording, MarkerRecording) else ()
+    if not plates:
+        raise InputError("the file holds no force plates", path=path)
+    forces = []
+    for plate in plates:
+        point = np.nan_to_num(plate.point)  # no point where there is no force
+        point[:, 2] = 0.0
+        forces.append(
+            GroundForce(
+                name=plate.name,
+                time=plate.time,
+                force=np.nan_to_num(plate.force),
+                point=point,
+                torque=np.nan_to_num(plate.free_moment),
+            )
+        )
+    motion = capture.load(path, mass=float(weight) / GRAVITY)
+    return Trial(name=Path(path).stem, motion=motion, forces=tuple(forces), weight=float(weight))
 
 
 def load_trials(folder: str | Path, *, weight: float | None = None) -> tuple[Trial, ...]:
