@@ -154,6 +154,7 @@ def followed(
     *,
     frames: Ints | None = None,
     lifted: PointTargets | None = None,
+    iterations: int = 30,
 ) -> Floats:
     """Inverse kinematics: contact points on their paths, everything else as it was.
 
@@ -179,14 +180,13 @@ def followed(
     prior = np.full(character.tree.nv, settings.joint_weight * character.height**2)
     if character.has_root:
         prior[character.root_dof : character.root_dof + 6] = 0.0
-    found = kinematics.solve(
+    return kinematics.solve(
         character.tree,
         qpos,
         targets,
         lower=character.lower,
         upper=character.upper,
         prior_weight=prior,
-        iterations=20,
+        iterations=iterations,
         tolerance=1e-4,
-    )
-    return found.qpos
+    ).qpos

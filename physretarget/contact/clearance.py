@@ -25,6 +25,8 @@ DIRECTIONS = 40
 """A body is represented by its farthest points in so many directions."""
 FLOOR_SLACK = 1e-4
 """Carried bodies may be this far below the floor (m) without being lifted."""
+ROUNDS = 4
+"""Lifting a body moves its neighbours: so often is looked again."""
 
 
 def above_floor(
@@ -35,26 +37,39 @@ def above_floor(
     A body is lifted as a whole by the depth of its lowest point, as far as it is deeper than in
     the reference pose. That moves its neighbours: a few rounds.
     """
+    frames = _near_floor(character, qpos)
+    if not len(frames):
+        return qpos
     stood_on = [foot.sole.body for foot in feet]
     body, local = surface_points(character, np.setdiff1d(character.bodies, stood_on))
     slack = FLOOR_SLACK + _depth(character, character.reference_qpos[None], body, local)[0]
     share = np.array([settings.clearance_weight / (body == one).sum() for one in body])
     moved = qpos.copy()
-    frames = np.arange(len(qpos))
-    for _ in range(4):
+    for _ in range(ROUNDS):
         depth = _depth(character, moved[frames], body, local)
-        low = (depth > slack).any(axis=1)
-        frames = frames[low]
+        low = depth > slack
+        frames, depth, low = (each[low.any(axis=1)] for each in (frames, depth, low))
         if not len(frames):
             break
-        depth = np.where(depth[low] > slack, depth[low] - slack, np.nan)
-        target = kinematics.points(kinematics.forward(character.tree, moved[frames]), body, local)
-        target[..., 2] += depth
-        lift = PointTargets(body, local, target, share)
+        some = low.any(axis=0)
+        pose = kinematics.forward(character.tree, moved[frames])
+        target = kinematics.points(pose, body[some], local[some])
+        target[..., 2] += np.where(low, depth - slack, np.nan)[:, some]
+        lift = PointTargets(body[some], local[some], target, share[some])
         moved[frames] = followed(
-            character, moved[frames], feet, settings, frames=frames, lifted=lift
+            character, moved[frames], feet, settings, frames=frames, lifted=lift, iterations=8
         )
     return moved
+
+
+def _near_floor(character: Character, qpos: Floats) -> Ints:
+    """Frames in which the bounding sphere of any geom reaches below the floor."""
+    model = character.model
+    geoms = np.flatnonzero(np.isin(model.geom_bodyid, character.bodies))
+    pose = kinematics.forward(character.tree, qpos)
+    centre = kinematics.points(pose, model.geom_bodyid[geoms], np.array(model.geom_pos[geoms]))
+    low = centre[..., 2] - model.geom_rbound[geoms] < character.floor_height
+    return np.flatnonzero(low.any(axis=1))
 
 
 def _depth(character: Character, qpos: Floats, body: Ints, local: Floats) -> Floats:

@@ -77,3 +77,16 @@ def walk() -> tuple[np.ndarray, np.ndarray]:
         return [phase < 0.4, (phase > 0.06) & (phase < 0.6)]
 
     return time, np.stack([*foot(time % 1.0), *foot((time + 0.5) % 1.0)], axis=1)
+
+
+SWIVEL = BOX.replace(
+    '<joint name="pitch" axis="0 1 0" range="-90 90"/>',
+    '<joint name="turn" axis="0 0 1" range="-150 150"/><joint name="pitch" axis="0 1 0" '
+    'range="-90 90"/>',
+)
+
+
+@pytest.fixture(scope="session")
+def swivel() -> Character:
+    """The box, with an arm that turns about the vertical."""
+    return Character.from_xml(SWIVEL)
