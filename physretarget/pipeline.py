@@ -17,7 +17,8 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from physretarget import __version__, contact, ik, momentum, ocp
+from physretarget import contact, ik, momentum, ocp, passive
+from physretarget._version import __version__
 from physretarget.capture.actor import ActorMotion, ActorShape
 from physretarget.clip import Clip
 from physretarget.errors import InputError, UsageError
@@ -29,6 +30,10 @@ from physretarget.trained import TrainedMapper
 
 Array = NDArray[np.float64]
 Stage = Literal["mapped", "placed", "contacted", "physical"]
+Tail = Literal["mapped", "passive"]
+TAILS: tuple[Tail, ...] = get_args(Tail)
+SWINGS = 2
+"""Rounds of swing, place and contact: the swinging limb moves the body that swings it."""
 STAGES: tuple[Stage, ...] = get_args(Stage)
 Progress = Callable[[str], None]
 
@@ -42,11 +47,14 @@ class RetargetSettings:
     lowpass_hz: zero-lag 4th order Butterworth on the actor's motion before anything else
     (6 Hz is the biomechanics standard, Winter 2009); None for no filter.
     heading: where the character's yaw comes from, see :func:`physretarget.momentum.place`.
+    tail: where joints that the model names as passive get their motion: from the mapper, or
+    from passive dynamics on the moving body, see :mod:`physretarget.passive`.
     """
 
     until: Stage = "physical"
     physics: ocp.Preset = "default"
     heading: momentum.Heading = "actor"
+    tail: Tail = "mapped"
     fps: float | None = None
     max_fps: float = 60.0
     lowpass_hz: float | None = 6.0
@@ -55,6 +63,10 @@ class RetargetSettings:
     def __post_init__(self) -> None:
         if self.until not in STAGES:
             raise UsageError(f"until is {self.until!r}; it is one of {', '.join(STAGES)}.")
+        if self.tail not in TAILS:
+            raise UsageError(f"tail is {self.tail!r}; it is one of {', '.join(TAILS)}.")
+        if self.tail == "passive" and self.until in ("mapped", "placed"):
+            raise UsageError(f"a passive tail needs the contact stage; until is {self.until!r}.")
         for name, rate in (("frame rate", self.fps), ("highest frame rate", self.max_fps)):
             if rate is not None and not 1 <= rate <= 1000:
                 raise UsageError(f"The {name} is {rate:g}; it must lie between 1 and 1000.")
@@ -112,7 +124,8 @@ class _Stopwatch:
 
     def stop(self) -> None:
         if self._name:
-            self.seconds[self._name] = clock.perf_counter() - self._since
+            spent = clock.perf_counter() - self._since
+            self.seconds[self._name] = self.seconds.get(self._name, 0.0) + spent
             self._name = ""
 
 
@@ -159,28 +172,50 @@ def retarget(
 
     placed = contacted = physical = None
     time = motion.time
-    if STAGES.index(settings.until) >= STAGES.index("placed"):
-        watch.start("place")
-        placed = momentum.place(
-            character, pose.qpos, actor, motion.qpos, time, heading=settings.heading
-        )
-    if placed is not None and STAGES.index(settings.until) >= STAGES.index("contacted"):
-        watch.start("contact")
+    swinging = settings.tail == "passive"
+    pose_error = np.zeros_like(mapped.mean)
+    if settings.until != "mapped" and settings.until != "placed":
         phases = phases.at(time) if phases is not None else contact.detect_phases(motion)
-        contacted = contact.adjust(character, placed.qpos, time, phases)
+    for again in range(SWINGS + 1 if swinging else 1):
+        if again and contacted is not None:
+            watch.start("swing")
+            swung = passive.swing(character, contacted.qpos, time)
+            contacted = replace(contacted, qpos=swung.qpos)
+            pose = replace(pose, qpos=passive.with_limb(character, pose.qpos, swung.qpos))
+            if again == SWINGS:
+                notes += swung.notes
+                break
+        if STAGES.index(settings.until) >= STAGES.index("placed"):
+            watch.start("place")
+            placed = momentum.place(
+                character, pose.qpos, actor, motion.qpos, time, heading=settings.heading
+            )
+        if placed is not None and phases is not None and settings.until != "placed":
+            watch.start("contact")
+            contacted = contact.adjust(character, placed.qpos, time, phases)
+    if contacted is not None:
         notes += contacted.notes
+        pose_error = features(character, contacted.qpos) - mapped.mean
+        if swinging:  # nobody has posed it, so there is no pose to keep to
+            pose_error[:, passive.passive_features(character)] = 0.0
     if contacted is not None and settings.until == "physical":
-        watch.start("physics")
-        physical = ocp.optimise(
-            character,
-            contacted.qpos,
-            time,
-            contacted.active,
-            pose_error=features(character, contacted.qpos) - mapped.mean,
-            pose_variance=mapped.variance,
-            settings=ocp.RootHeightSettings.preset(settings.physics),
-        )
-        notes += physical.notes
+        for again in range(2 if swinging else 1):
+            if again and physical is not None:  # the limb has felt the root's new height
+                watch.start("swing")
+                swung = passive.swing(character, physical.qpos, time)
+                limb = passive.with_limb(character, contacted.qpos, swung.qpos)
+                contacted = replace(contacted, qpos=limb)
+            watch.start("physics")
+            physical = ocp.optimise(
+                character,
+                contacted.qpos,
+                time,
+                contacted.active,
+                pose_error=pose_error,
+                pose_variance=mapped.variance,
+                settings=ocp.RootHeightSettings.preset(settings.physics),
+            )
+        notes += physical.notes if physical is not None else ()
     watch.stop()
 
     final = physical or contacted or placed or pose
