@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from physretarget import __version__
+from physretarget._version import __version__
 from physretarget.cli import common
 from physretarget.errors import PhysretargetError
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from jinja2 import Environment
 from markupsafe import Markup
 
-from physretarget import __version__
+from physretarget._version import __version__
 from physretarget.errors import InputError, UsageError
 from physretarget.replay.payload import payload, script_json
 from physretarget.replay.scene import Scene

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from physretarget import __version__
+from physretarget._version import __version__
 from physretarget.clip import write_file
 from physretarget.report.html import templates
 

@@ -14,7 +14,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from physretarget import __version__, assets
+from physretarget import assets
+from physretarget._version import __version__
 from physretarget.clip import Clip
 from physretarget.replay.clip import report_forces
 from physretarget.replay.figures import Modelled, figure

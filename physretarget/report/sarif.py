@@ -12,7 +12,7 @@ from pathlib import PurePath
 from typing import Any
 from urllib.parse import quote
 
-from physretarget import __version__
+from physretarget._version import __version__
 from physretarget.validation.codes import RULES
 from physretarget.validation.report import Finding, Report
 from physretarget.validation.rule import Rule

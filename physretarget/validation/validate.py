@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from physretarget import __version__
+from physretarget._version import __version__
 from physretarget.clip import Clip
 from physretarget.errors import InputError
 from physretarget.mjcf import Character
