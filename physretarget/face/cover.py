@@ -20,13 +20,16 @@ class CoverSettings:
     """Prices, in units of half a squared misfit over squared fidelity, at 30 frames a second.
 
     fidelity: misfit (of the channel's range) that counts as one unit. key_cost: price of a key.
-    prior: weight of how common a template is. longest: longest span in seconds.
+    inner_key: the share of it that keys inside
+    a phrase cost. prior: weight of how common a template is. longest: longest span in seconds.
     """
 
     fidelity: float = 0.02
-    key_cost: float = 6.0
+    key_cost: float = 12.0
+    inner_key: float = 0.7
     prior: float = 1.0
     longest: float = 4.0
+    phrases: bool = False
 
 
 def cover(
@@ -39,47 +42,125 @@ def cover(
     screen: ScreenSettings,
     barred: NDArray[np.bool_] | None = None,
 ) -> list[list[Placed]]:
-    """Spans for every channel of values (C, M); no span runs across a barred (C, M) frame."""
+    """Segments for every channel of values (C, M); none runs across a barred (C, M) frame."""
     channels, frames = values.shape
     spans = lengths(frames, fps, settings.longest)
     cost = np.full((channels, frames, len(spans)), np.inf, dtype=np.float32)
-    best = np.zeros((channels, frames, len(spans)), dtype=np.int16)
-    tables = [t.table for t in bank.spans]
-    counts = np.array([len(t.segments) for t in bank.spans], dtype=np.float64)
-    rows = max(1, _BLOCK // max(1, len(tables)))
-    step = max(1, rows // frames)
-    for l, n in enumerate(spans):
-        known = bank.available(bank.spans, n / fps) if tables else np.zeros(0, dtype=bool)
-        chosen = np.flatnonzero(known) if known.any() else np.arange(len(tables))
-        shapes = bank.span_shapes(int(n))[chosen]
-        share = counts[chosen] / counts[chosen].sum()
-        extra = settings.key_cost - settings.prior * np.log(share) * 1.0
-        if not known.any():
-            extra = extra + settings.key_cost  # stretched beyond a factor of two
-        weight = (n + 1) * (30.0 / fps) / (2.0 * settings.fidelity**2)
-        starts = np.arange(frames - n)
-        for first in range(0, channels, step):
-            block = slice(first, first + step)
-            count = len(values[block])
-            flat = values[block].astype(np.float32).ravel()
-            even = smooth[block].astype(np.float32).ravel()
-            where = (np.arange(count)[:, None] * frames + starts).ravel()
-            fit = fit_windows(flat, even, where, int(n), shapes, method, screen)
-            price = fit.score * np.float32(weight) + extra.astype(np.float32)
-            pick = np.argmin(price, axis=1)
-            cost[block, n:, l] = np.take_along_axis(price, pick[:, None], 1).reshape(count, -1)
-            best[block, n:, l] = chosen[pick].reshape(count, -1)
+    best = np.zeros((channels, frames, len(spans)), dtype=np.int32)
+    coarse = set(_coarse(spans, fps)) if settings.phrases else set()
+    for index, n in enumerate(spans):
+        offers = [_spans_offer(bank, int(n), fps, settings)]
+        if int(n) in coarse:
+            offers.append(_phrases_offer(bank, int(n), fps, settings))
+        weight = np.float32((n + 1) * (30.0 / fps) / (2.0 * settings.fidelity**2))
+        for offer in offers:
+            if offer is not None:
+                _bid(cost, best, index, offer, values, smooth, weight, int(n), method, screen)
     if barred is not None:
         _bar(cost, spans, barred)
-    paths = shortest_path(cost, spans)
+    known = len(bank.spans)
     return [
-        [Placed(j - int(spans[l]), j, int(best[c, j, l])) for j, l in path]
-        for c, path in enumerate(paths)
+        [_placed(j - int(spans[x]), j, int(best[c, j, x]), known) for j, x in path]
+        for c, path in enumerate(shortest_path(cost, spans))
     ]
+
+
+def _placed(first: int, last: int, number: int, spans: int) -> Placed:
+    phrase = number >= spans
+    return Placed(first, last, number - spans if phrase else number, phrase)
+
+
+@dataclass(frozen=True, eq=False)
+class Offer:
+    """Templates that are tried on windows of one length: numbers (spans before phrases), prices."""
+
+    numbers: NDArray[np.intp]
+    shapes: NDArray[np.float32]
+    price: NDArray[np.float32]
+    amplitudes: tuple[NDArray[np.float32], NDArray[np.float32]] | None = None
+
+
+def _spans_offer(bank: Bank, n: int, fps: float, settings: CoverSettings) -> Offer | None:
+    if not bank.spans:
+        return None
+    known = bank.available(bank.spans, n / fps)
+    chosen = np.flatnonzero(known) if known.any() else np.arange(len(bank.spans))
+    counts = np.array([len(bank.spans[k].segments) for k in chosen], dtype=np.float64)
+    price = settings.key_cost - settings.prior * np.log(counts / counts.sum())
+    if not known.any():
+        price = price + settings.key_cost  # stretched beyond a factor of two: a last resort
+    return Offer(chosen, bank.span_shapes(n)[chosen], price.astype(np.float32))
+
+
+def _phrases_offer(bank: Bank, n: int, fps: float, settings: CoverSettings) -> Offer | None:
+    known = np.flatnonzero(bank.available(bank.phrases, n / fps)).tolist()
+    # Keys closer than two frames could not be told apart in the capture.
+    chosen = [k for k in known if np.diff(bank.phrases[k].table[:, 0]).min() * n >= 2.0]
+    if not len(chosen):
+        return None
+    keys = np.array([bank.phrases[k].keys for k in chosen])
+    counts = np.array([len(bank.phrases[k].segments) for k in chosen], dtype=np.float64)
+    price = settings.key_cost * (1.0 + settings.inner_key * (keys - 2))
+    price = price - settings.prior * np.log(counts / counts.sum())
+    numbers = np.asarray(chosen, dtype=np.intp)
+    most = np.array([bank.phrases[k].amplitudes.max() for k in chosen], dtype=np.float32)
+    return Offer(
+        numbers + len(bank.spans),
+        bank.phrase_shapes(n)[numbers],
+        price.astype(np.float32),
+        (np.zeros_like(most), most * np.float32(5.0)),
+    )
+
+
+def _coarse(spans: NDArray[np.intp], fps: float) -> list[int]:
+    """Every length up to 12 frames, then by 8 %: phrases stretch, so neighbours say the same."""
+    kept: list[int] = []
+    for n in spans.tolist():
+        if n >= 5 and (not kept or n <= 12 or n >= 1.08 * kept[-1]):
+            kept.append(n)
+    return kept
+
+
+def _bid(
+    cost: NDArray[np.float32],
+    best: NDArray[np.int32],
+    index: int,
+    offer: Offer,
+    values: Array,
+    smooth: Array,
+    weight: np.float32,
+    n: int,
+    method: Method,
+    screen: ScreenSettings,
+) -> None:
+    """Keep, per channel and end frame, the cheaper of what is known and the best of the offer."""
+    channels, frames = values.shape
+    starts = np.arange(frames - n)
+    step = max(1, _BLOCK // (max(1, len(offer.numbers)) * frames))
+    for first in range(0, channels, step):
+        block = slice(first, first + step)
+        count = len(values[block])
+        fit = fit_windows(
+            values[block].astype(np.float32).ravel(),
+            smooth[block].astype(np.float32).ravel(),
+            (np.arange(count)[:, None] * frames + starts).ravel(),
+            n,
+            offer.shapes,
+            method,
+            screen,
+            offer.amplitudes,
+        )
+        price = fit.score * weight + offer.price
+        pick = np.argmin(price, axis=1)
+        low = np.take_along_axis(price, pick[:, None], 1).reshape(count, -1)
+        better = low < cost[block, n:, index]
+        cost[block, n:, index] = np.where(better, low, cost[block, n:, index])
+        numbers = offer.numbers[pick].reshape(count, -1)
+        best[block, n:, index] = np.where(better, numbers, best[block, n:, index])
 
 
 def _bar(cost: NDArray[np.float32], spans: NDArray[np.intp], barred: NDArray[np.bool_]) -> None:
     before = np.cumsum(barred, axis=1)  # barred frames up to and including each
-    for l, n in enumerate(spans):
-        inside = before[:, n - 1 : -1] - before[:, : -n]
-        cost[:, n:, l] = np.where(inside > 0, np.inf, cost[:, n:, l])
+    for index, n in enumerate(spans):
+        inside: NDArray[np.intp] = before[:, n - 1 : -1] - before[:, :-n]
+        cost[:, n:, index] = np.where(inside > 0, np.inf, cost[:, n:, index])

@@ -48,6 +48,17 @@ class Key:
         """The same key shifted in time and value."""
         return replace(self, time=self.time + time, value=self.value + value)
 
+    def scaled_to(self, time: float, value: float) -> Key:
+        """The same key with time and value, tangents included, multiplied."""
+        (a, b), (c, d) = self.in_tangent, self.out_tangent
+        return replace(
+            self,
+            time=self.time * time,
+            value=self.value * value,
+            in_tangent=(a * time, b * value),
+            out_tangent=(c * time, d * value),
+        )
+
 
 @dataclass(frozen=True)
 class Curve:

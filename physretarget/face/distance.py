@@ -46,4 +46,5 @@ def relative_error(distance: Array, samples: int, channel_range: float) -> Array
 
 def windows(capture: NDArray[np.float32], n: int) -> NDArray[np.float32]:
     """(M - n + 1, n) view of every window."""
-    return sliding_window_view(capture, n)
+    view: NDArray[np.float32] = sliding_window_view(capture, n)
+    return view

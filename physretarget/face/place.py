@@ -35,7 +35,9 @@ def lengths(frames: int, fps: float, longest: float) -> NDArray[np.intp]:
     return np.array(dense, dtype=np.intp)
 
 
-def shortest_path(cost: Array, spans: NDArray[np.intp]) -> list[list[tuple[int, int]]]:
+def shortest_path(
+    cost: NDArray[np.float32], spans: NDArray[np.intp]
+) -> list[list[tuple[int, int]]]:
     """Cheapest chains from the first to the last frame, for all channels at once.
 
     Args:

@@ -76,7 +76,7 @@ def fit_windows(
         residual += rise[:, None] ** 2 * np.einsum("sn,sn->s", shapes, shapes)[None]
     else:
         bent = shapes - shapes[:, -1:] * ramp
-        level = level - rise[:, None] * ramp
+        level -= rise[:, None] * ramp
         power = np.maximum(np.einsum("sn,sn->s", bent, bent), 1e-12)[None]
         cross = level @ bent.T
         gain = np.clip(cross / power, amplitudes[0][None], amplitudes[1][None])
@@ -101,8 +101,9 @@ def _sax_score(
     n = level.shape[1]
     word = min(settings.word, n)
     sign = np.where(rise < 0, -1.0, 1.0)[:, None]
-    one = sax.words(level * sign if shapes[0, -1] > 0.5 else level, word, settings.alphabet)
-    two = sax.words(shapes, word, settings.alphabet)
+    facing = (level * sign if shapes[0, -1] > 0.5 else level).astype(np.float64)
+    one = sax.words(facing, word, settings.alphabet)
+    two = sax.words(shapes.astype(np.float64), word, settings.alphabet)
     distance = sax.mindist(one, two, n, settings.alphabet)
     best = distance.min(axis=1, keepdims=True)
     return np.where(distance <= best + 1e-9, squared, squared + np.float32(1e3)).astype(np.float32)

@@ -60,6 +60,18 @@ class Bank:
             self._shapes[intervals] = sample(tables, intervals + 1).astype(np.float32)
         return self._shapes[intervals]
 
+    def phrase_shapes(self, intervals: int) -> NDArray[np.float32]:
+        """(S, intervals + 1) samples of every phrase, interpolated between 65 points."""
+        if -1 not in self._shapes:
+            tables = [t.table for t in self.phrases]
+            self._shapes[-1] = sample(tables, 65).astype(np.float32)
+        place = np.linspace(0.0, 64.0, intervals + 1)
+        left = np.minimum(place.astype(np.intp), 63)
+        share = (place - left).astype(np.float32)
+        known = self._shapes[-1]
+        shapes: NDArray[np.float32] = known[:, left] * (1 - share) + known[:, left + 1] * share
+        return shapes
+
     def available(self, templates: tuple[Template, ...], seconds: float) -> NDArray[np.bool_]:
         """Which templates have a segment within a factor of two of this duration."""
         return np.array(
@@ -104,7 +116,7 @@ def make_bank(
     usable: Callable[[str], bool] = lambda channel: True,
     *,
     most_spans: int = 48,
-    most_phrases: int = 1500,
+    most_phrases: int = 400,
 ) -> Bank:
     """Templates of every segment whose library channel is usable, the commonest first."""
     spans: list[tuple[int, Array, float, float]] = []

@@ -94,16 +94,18 @@ def _basis(table: Array, frames: Array) -> tuple[Array, NDArray[np.intp]]:
     return np.stack([v**3, 3 * v * v * u, 3 * v * u * u, u**3], axis=1), left
 
 
-def within_range(table: Array, join: NDArray[np.bool_], lower: float, upper: float) -> Array:
+def within_range(
+    table: Array, join: NDArray[np.bool_], held: NDArray[np.bool_], lower: float, upper: float
+) -> Array:
     """Key table whose whole curve lies within [lower, upper], slopes at joins still shared.
 
     A Bézier lies within the hull of its control points: values are cut off at the bounds and
-    tangents shortened in height until their ends are inside.
+    tangents shortened in height until their ends are inside. Locked keys are left alone.
     """
     result = table.copy()
-    result[:, 1] = np.clip(result[:, 1], lower, upper)
+    result[:, 1] = np.where(held, result[:, 1], np.clip(result[:, 1], lower, upper))
     value = result[:, 1]
-    for k in range(len(result)):
+    for k in np.flatnonzero(~held):
         factors = []
         for column in (3, 5):
             height = result[k, column]

@@ -1,0 +1,142 @@
+"""The paper's placement: longest first, each where it fits best, and gaps closed by one span."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physretarget.face.cover import CoverSettings, cover
+from physretarget.face.place import Placed, lengths
+from physretarget.face.screen import Method, ScreenSettings, fit_windows
+from physretarget.face.templates import Bank
+
+Array = NDArray[np.float64]
+
+
+def greedy_cover(
+    values: Array,
+    smooth: Array,
+    fps: float,
+    bank: Bank,
+    method: Method,
+    settings: CoverSettings,
+    screen: ScreenSettings,
+    barred: NDArray[np.bool_] | None = None,
+) -> list[list[Placed]]:
+    """Phrases of four keys and more claim frames where their error is below the fidelity.
+
+    What nobody claims is a gap: covered by fitted spans and marked so.
+    """
+    channels, frames = values.shape
+    claimed = np.zeros(values.shape, dtype=bool) if barred is None else barred.copy()
+    found: list[list[Placed]] = [[] for _ in range(channels)]
+    tried = lengths(frames, fps, settings.longest)
+    longest_first = [int(n) for n in tried[::-3] if n >= 6]
+    big = np.array([k for k, t in enumerate(bank.phrases) if t.keys >= 4], dtype=np.intp)
+    known = np.array([], dtype=np.intp)
+    for n in longest_first:
+        if len(big):
+            templates = tuple(bank.phrases[k] for k in big)
+            known = big[bank.available(templates, n / fps)]
+        if len(known):
+            shapes = bank.phrase_shapes(n)[known]
+            most = np.array([bank.phrases[k].amplitudes.max() for k in known], dtype=np.float32)
+            bounds = (np.zeros_like(most), most * np.float32(screen.amplitude[1]))
+            for c in range(channels):
+                _claim(
+                    found[c],
+                    claimed[c],
+                    values[c],
+                    smooth[c],
+                    n,
+                    known,
+                    shapes,
+                    bounds,
+                    method,
+                    settings.fidelity,
+                    screen,
+                )
+    return [
+        _fill(found[c], values[c], smooth[c], fps, bank, method, settings, screen, barred, c)
+        for c in range(channels)
+    ]
+
+
+def _claim(
+    found: list[Placed],
+    claimed: NDArray[np.bool_],
+    values: Array,
+    smooth: Array,
+    n: int,
+    known: NDArray[np.intp],
+    shapes: NDArray[np.float32],
+    bounds: tuple[NDArray[np.float32], NDArray[np.float32]],
+    method: Method,
+    fidelity: float,
+    screen: ScreenSettings,
+) -> None:
+    while True:
+        # Neighbours may share their end frame, so only inner frames must be free.
+        busy = np.concatenate([[0], np.cumsum(claimed)])
+        starts = np.flatnonzero(busy[n:-1] - busy[1:-n] == 0)
+        if not len(starts):
+            return
+        fit = fit_windows(
+            values.astype(np.float32),
+            smooth.astype(np.float32),
+            starts,
+            n,
+            shapes,
+            method,
+            screen,
+            bounds,
+        )
+        score = np.where(fit.squared <= fidelity**2, fit.score, np.inf)
+        best = int(np.argmin(score))
+        row, column = divmod(best, score.shape[1])
+        if not np.isfinite(score[row, column]):
+            return
+        first = int(starts[row])
+        found.append(Placed(first, first + n, int(known[column]), phrase=True))
+        claimed[first + 1 : first + n] = True
+
+
+def _fill(
+    found: list[Placed],
+    values: Array,
+    smooth: Array,
+    fps: float,
+    bank: Bank,
+    method: Method,
+    settings: CoverSettings,
+    screen: ScreenSettings,
+    barred: NDArray[np.bool_] | None,
+    channel: int,
+) -> list[Placed]:
+    chain: list[Placed] = []
+    edge = 0
+    for piece in [*sorted(found, key=lambda p: p.first), None]:
+        until = len(values) - 1 if piece is None else piece.first
+        if until > edge:
+            part = slice(edge, until + 1)
+            locks = None if barred is None else barred[channel, None, part]
+            if until - edge < 2:
+                chain.append(Placed(edge, until, 0, fitted=True))
+            else:
+                gap = cover(
+                    values[None, part],
+                    smooth[None, part],
+                    fps,
+                    bank,
+                    method,
+                    settings,
+                    screen,
+                    locks,
+                )[0]
+                chain += [
+                    Placed(p.first + edge, p.last + edge, p.template, p.phrase, True) for p in gap
+                ]
+        if piece is not None:
+            chain.append(piece)
+            edge = piece.last
+    return chain

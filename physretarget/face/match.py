@@ -1,0 +1,281 @@
+"""A take in, an animator's curves out, and for every key where it comes from."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import savgol_filter
+
+from physretarget.errors import InputError, UsageError
+from physretarget.face.cover import CoverSettings, cover
+from physretarget.face.curve import Curve, Key
+from physretarget.face.explain import Piece, explain
+from physretarget.face.greedy import greedy_cover
+from physretarget.face.join import assemble
+from physretarget.face.library import Library
+from physretarget.face.place import Placed
+from physretarget.face.rig import Rig, RigChannel
+from physretarget.face.screen import METHODS, Method, ScreenSettings
+from physretarget.face.shot import Shot, Take
+from physretarget.face.templates import Bank, make_bank
+from physretarget.face.warp import fit, within_range
+
+Array = NDArray[np.float64]
+PLACEMENTS = ("optimal", "greedy")
+
+
+@dataclass(frozen=True, kw_only=True)
+class MatchSettings:
+    """The animator's two sliders and what else can be chosen.
+
+    fidelity: misfit, as a fraction of what the channel moves, that is worth one unit of price: low
+    replicates the capture, high deviates (the paper's threshold). key_cost: price of one key: low
+    is dense, high sparse. placement: ``optimal`` or the paper's ``greedy``. lips: match them too.
+    """
+
+    method: Method = "distance"
+    fidelity: float = 0.02
+    key_cost: float = 12.0
+    placement: str = "optimal"
+    lips: bool = False
+    low_margin: float = 0.1
+    screen: ScreenSettings = field(default_factory=ScreenSettings)
+
+    def __post_init__(self) -> None:
+        if self.method not in METHODS:
+            raise UsageError(f"method is {self.method!r}; it is one of {', '.join(METHODS)}.")
+        if self.placement not in PLACEMENTS:
+            raise UsageError(
+                f"placement is {self.placement!r}; it is one of {', '.join(PLACEMENTS)}."
+            )
+        for name in ("fidelity", "key_cost"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise UsageError(f"{name} is {value:g}; it must be above zero.")
+
+
+@dataclass(frozen=True)
+class ChannelResult:
+    """One matched channel.
+
+    curve in the rig's units and the take's time; pieces in order; piece_of: per key the piece that
+    ends there (the first key: that begins there); error: root mean square deviation from the
+    capture as a fraction of unit; unit: what the channel moves.
+    """
+
+    curve: Curve
+    pieces: tuple[Piece, ...]
+    piece_of: tuple[int, ...]
+    error: float
+    unit: float
+
+
+@dataclass(frozen=True)
+class Result:
+    """Every matched channel, the capture it was matched to and the settings."""
+
+    take: Take
+    channels: Mapping[str, ChannelResult]
+    settings: MatchSettings
+    notes: tuple[str, ...] = ()
+
+    def shot(self) -> Shot:
+        """The curves alone, ready for a writer."""
+        curves = {name: c.curve for name, c in self.channels.items()}
+        return Shot(self.take.name, curves, self.take.fps, self.take.sha256, self.notes)
+
+    @property
+    def keys(self) -> int:
+        """How many keys all channels have together."""
+        return sum(len(c.curve.keys) for c in self.channels.values())
+
+    @property
+    def reduction(self) -> float:
+        """Share of the capture's frames that are keys no more."""
+        dense = len(self.take.time) * max(1, len(self.channels))
+        return 1.0 - self.keys / dense
+
+
+@dataclass(frozen=True, eq=False)
+class _Job:
+    """Channels that share a bank, in units of what each moves."""
+
+    channels: list[RigChannel]
+    values: Array
+    smooth: Array
+    unit: Array
+    base: Array
+    barred: NDArray[np.bool_]
+    locked: list[dict[int, Key]] = field(default_factory=list)
+
+
+def match(
+    capture: Take,
+    library: Library,
+    rig: Rig,
+    settings: MatchSettings | None = None,
+    *,
+    span: tuple[float, float] | None = None,
+    locked: Mapping[str, Sequence[Key]] | None = None,
+    banks: dict[tuple[str, ...], Bank] | None = None,
+    progress: Callable[[str], None] = lambda channel: None,
+) -> Result:
+    """Match every channel of a rig against a library.
+
+    Args:
+        capture: dense take on the capture's channels.
+        library: past shots.
+        rig: which capture channels drive which rig channels.
+        settings: sliders and method.
+        span: match only between these times (s); curves then end on the capture there.
+        locked: per rig channel, keys that stay exactly as they are.
+        banks: templates kept between calls with the same library.
+        progress: told each group's name.
+
+    Raises:
+        InputError: channels that the capture lacks, locked keys outside the take or of unknown
+            channels, or a library without a usable segment.
+    """
+    chosen = settings or MatchSettings()
+    driven = rig.drive(capture)
+    if span is not None:
+        driven = driven.between(*span)
+    matched = rig.matched(lips=chosen.lips)
+    _check_locked(locked or {}, matched, driven)
+    kept = {} if banks is None else banks
+    results: dict[str, ChannelResult] = {}
+    for group in dict.fromkeys(c.group for c in matched):
+        progress(group)
+        bank = _bank(library, rig, group, kept)
+        members = [c for c in matched if c.group == group]
+        results |= _group(driven, members, bank, library, chosen, locked or {})
+    ordered = {c.name: results[c.name] for c in matched}
+    return Result(driven, ordered, chosen, driven.notes)
+
+
+def _bank(library: Library, rig: Rig, group: str, banks: dict[tuple[str, ...], Bank]) -> Bank:
+    patterns = tuple(rig.library.get(group, ()))
+    if patterns not in banks:
+        banks[patterns] = make_bank(library, lambda name: rig.borrows(group, name))
+    bank = banks[patterns]
+    if not bank.spans:
+        asked = f" for group {group} ({', '.join(patterns)})" if patterns else ""
+        raise InputError(f"the library holds no segment that moves{asked}.")
+    return bank
+
+
+def _check_locked(
+    locked: Mapping[str, Sequence[Key]], channels: Sequence[RigChannel], take: Take
+) -> None:
+    names = [c.name for c in channels]
+    for name, keys in locked.items():
+        if name not in names:
+            raise InputError(f"locked keys of {name}; matched are {', '.join(names)}.")
+        for key in keys:
+            if not take.time[0] - 1e-6 <= key.time <= take.time[-1] + 1e-6:
+                raise InputError(
+                    f"the locked key of {name} at {key.time:g} s lies outside the take "
+                    f"({take.time[0]:g}–{take.time[-1]:g} s)."
+                )
+
+
+def _job(take: Take, channels: list[RigChannel], locked: Mapping[str, Sequence[Key]]) -> _Job:
+    values = np.stack([take.channel(c.name) for c in channels])
+    moved = np.ptp(values, axis=1)
+    ranges = np.array([c.range for c in channels])
+    unit = np.clip(moved, 0.05 * ranges, ranges)  # a channel at rest is not blown up to its noise
+    base = values.min(axis=1)
+    relative = (values - base[:, None]) / unit[:, None]
+    smooth = smoothed(relative, take.fps)
+    barred = np.zeros(values.shape, dtype=bool)
+    pinned: list[dict[int, Key]] = []
+    for row, channel in enumerate(channels):
+        frames: dict[int, Key] = {}
+        for key in locked.get(channel.name, ()):
+            frame = round((key.time - take.time[0]) * take.fps)
+            frame = min(max(frame, 0), values.shape[1] - 1)
+            frames[frame] = key
+            smooth[row, frame] = (key.value - base[row]) / unit[row]
+            barred[row, frame] = True
+        pinned.append(frames)
+    return _Job(channels, relative, smooth, unit, base, barred, pinned)
+
+
+def smoothed(values: Array, fps: float) -> Array:
+    """Quadratic Savitzky-Golay over about a tenth of a second: extrema stay, noise halves."""
+    window = 2 * max(2, round(0.055 * fps)) + 1
+    if values.shape[-1] < window:
+        return values.copy()
+    return np.asarray(savgol_filter(values, window, 2, axis=-1), dtype=np.float64)
+
+
+def _group(
+    take: Take,
+    channels: list[RigChannel],
+    bank: Bank,
+    library: Library,
+    settings: MatchSettings,
+    locked: Mapping[str, Sequence[Key]],
+) -> dict[str, ChannelResult]:
+    job = _job(take, channels, locked)
+    prices = CoverSettings(fidelity=settings.fidelity, key_cost=settings.key_cost)
+    place = cover if settings.placement == "optimal" else greedy_cover
+    placed = place(
+        job.values, job.smooth, take.fps, bank, settings.method, prices, settings.screen, job.barred
+    )
+    return {
+        channel.name: _channel(take, job, row, placed[row], bank, library, settings)
+        for row, channel in enumerate(channels)
+    }
+
+
+def _channel(
+    take: Take,
+    job: _Job,
+    row: int,
+    placed: list[Placed],
+    bank: Bank,
+    library: Library,
+    settings: MatchSettings,
+) -> ChannelResult:
+    channel, unit, base = job.channels[row], job.unit[row], job.base[row]
+    pinned = {
+        frame: replace(
+            key.moved(-take.time[0], -base).scaled_to(take.fps, 1.0 / unit), time=float(frame)
+        )
+        for frame, key in job.locked[row].items()
+    }
+    draft, piece_of = assemble(placed, bank, job.smooth[row], pinned, settings.method)
+    table = fit(draft, job.values[row], settings.fidelity)
+    lower, upper = (channel.lower - base) / unit, (channel.upper - base) / unit
+    table = within_range(table, draft.join & ~draft.held, draft.held, lower, upper)
+    pieces = explain(
+        placed,
+        table,
+        piece_of,
+        bank,
+        library,
+        job.values[row],
+        job.smooth[row],
+        take.fps,
+        take.time[0],
+        settings.method,
+        settings.screen,
+        settings.low_margin,
+    )
+    unitless = Curve.from_table(table)
+    error = unitless.evaluate(np.arange(len(take.time), dtype=np.float64)) - job.values[row]
+    scaled = table * np.array([1.0 / take.fps, unit] * 3)
+    scaled[:, 0] += take.time[0]
+    scaled[:, 1] += base
+    kinds = [("fixed", "fixed", not joined) for joined in draft.join]
+    curve = Curve.from_table(scaled, kinds)  # type: ignore[arg-type]
+    keys = list(curve.keys)
+    for k in np.flatnonzero(draft.held):
+        keys[k] = job.locked[row][round(float(table[k, 0]))]
+    curve = replace(curve, keys=tuple(keys))
+    return ChannelResult(curve, pieces, piece_of, float(np.sqrt(np.mean(error**2))), float(unit))
