@@ -39,7 +39,15 @@ def _program(
     pass
 
 
-from physretarget.cli import demo, keyposes, replay, retarget, validate  # noqa: E402, F401
+from physretarget.cli import (  # noqa: E402, F401
+    demo,
+    face,
+    keyposes,
+    replay,
+    retarget,
+    suggest,
+    validate,
+)
 
 
 def main() -> None:

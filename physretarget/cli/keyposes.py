@@ -28,14 +28,16 @@ CharacterOption = Annotated[Path, typer.Option("--character", metavar="MODEL.xml
     group, "check", example="physretarget keyposes check lamp.keyposes.toml --character lamp.xml"
 )
 def check_command(files: Files, character: CharacterOption) -> None:
-    """Say what is doubtful about key poses; exit code 1 if anything is."""
+    """Say what is doubtful about key poses; exit code 1 if any cannot be learned from."""
     model = Character.load(character)
     poses = load_keyposes(files, model)
     remarks = check(poses, model)
     for remark in remarks:
-        typer.echo(f"{remark.pose}: {remark.message}")
-    say(f"{len(poses)} key poses, {len(remarks)} remarks.")
-    if remarks:
+        where = f"{remark.pose}: " if remark.pose else ""
+        typer.echo(f"{remark.severity}: {where}{remark.message}")
+    errors = sum(remark.severity == "error" for remark in remarks)
+    say(f"{len(poses)} key poses: {errors} errors, {len(remarks) - errors} warnings.")
+    if errors:
         raise typer.Exit(1)
 
 
