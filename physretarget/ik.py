@@ -155,7 +155,7 @@ def _steadied(problem: _Problem, qpos: Floats, rms: Floats) -> tuple[Floats, Flo
         return qpos, rms
     reach = leaps[:, None] + np.arange(1 - REACH, REACH + 1)
     frames = np.unique(np.clip(reach, 0, len(qpos) - 1))
-    tried = [(qpos, rms), *(_swept(problem, qpos, leaps, way) for way in (1, -1))]
+    tried = [(qpos, rms), *_swept(problem, qpos, leaps)]
     choices = np.stack([t[0][frames] for t in tried], axis=1)  # (n, candidates, nq)
     misses = np.stack([t[1][frames] for t in tried], axis=1)
     price = settings.steadiness * character.height**2
@@ -175,26 +175,26 @@ def _steadied(problem: _Problem, qpos: Floats, rms: Floats) -> tuple[Floats, Flo
     return qpos, rms
 
 
-def _swept(problem: _Problem, qpos: Floats, leaps: Ints, way: int) -> tuple[Floats, Floats]:
-    """Poses followed frame by frame across each leap, onwards (1) or backwards (-1).
+def _swept(problem: _Problem, qpos: Floats, leaps: Ints) -> list[tuple[Floats, Floats]]:
+    """Poses followed frame by frame across each leap, onwards and backwards, with residuals.
 
-    A step costs what it costs on the path that is sought. Frames that are not reached, and
-    those that a nearer leap has reached, keep what they have; the first have residual infinity.
+    A step costs what it costs on the path that is sought. Frames that are not reached have
+    residual infinity; where two leaps reach a frame the nearer one has it.
     """
-    swept, miss = qpos.copy(), np.full(len(qpos), np.inf)
     weight = problem.settings.steadiness * problem.character.height**2 * problem.target.shape[1]
-    at = leaps if way > 0 else leaps + 1
+    swept = [(qpos.copy(), np.full(len(qpos), np.inf)) for _ in range(2)]
+    at = np.concatenate([leaps, leaps + 1])
+    way = np.repeat([1, -1], len(leaps))
     now = qpos[at]
     for _ in range(REACH):
         at = at + way
         inside = (at >= 0) & (at < len(qpos))
-        at, now = at[inside], now[inside]
-        if not len(at):
-            break
+        at, way, now = at[inside], way[inside], now[inside]
         now, rms = problem.solved(now, at, weight=weight, iterations=3)
-        fresh = np.isinf(miss[at])
-        swept[at[fresh]], miss[at[fresh]] = now[fresh], rms[fresh]
-    return swept, miss
+        for (poses, miss), towards in zip(swept, (1, -1), strict=True):
+            fresh = (way == towards) & np.isinf(miss[at])
+            poses[at[fresh]], miss[at[fresh]] = now[fresh], rms[fresh]
+    return swept
 
 
 def _cheapest_path(

@@ -37,11 +37,11 @@ def above_floor(
     A body is lifted as a whole by the depth of its lowest point, as far as it is deeper than in
     the reference pose. That moves its neighbours: a few rounds.
     """
-    frames = _near_floor(character, qpos)
+    bodies = np.setdiff1d(character.bodies, [foot.sole.body for foot in feet])
+    frames = _near_floor(character, qpos, bodies)
     if not len(frames):
         return qpos
-    stood_on = [foot.sole.body for foot in feet]
-    body, local = surface_points(character, np.setdiff1d(character.bodies, stood_on))
+    body, local = surface_points(character, bodies)
     slack = FLOOR_SLACK + _depth(character, character.reference_qpos[None], body, local)[0]
     share = np.array([settings.clearance_weight / (body == one).sum() for one in body])
     moved = qpos.copy()
@@ -62,10 +62,10 @@ def above_floor(
     return moved
 
 
-def _near_floor(character: Character, qpos: Floats) -> Ints:
-    """Frames in which the bounding sphere of any geom reaches below the floor."""
+def _near_floor(character: Character, qpos: Floats, bodies: Ints) -> Ints:
+    """Frames in which the bounding sphere of any geom of ``bodies`` reaches below the floor."""
     model = character.model
-    geoms = np.flatnonzero(np.isin(model.geom_bodyid, character.bodies))
+    geoms = np.flatnonzero(np.isin(model.geom_bodyid, bodies))
     pose = kinematics.forward(character.tree, qpos)
     centre = kinematics.points(pose, model.geom_bodyid[geoms], np.array(model.geom_pos[geoms]))
     low = centre[..., 2] - model.geom_rbound[geoms] < character.floor_height
