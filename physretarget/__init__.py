@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from physretarget.capture import load as load_capture
     from physretarget.capture.actor import ActorMotion
     from physretarget.clip import Clip, load_clip
+    from physretarget.conversion import convert
     from physretarget.keyposes import KeyPose, KeyPoseSet, load_keyposes
     from physretarget.mjcf import Character
     from physretarget.pipeline import Retargeted, RetargetSettings, retarget
@@ -49,6 +50,7 @@ _WHERE = {
     "Retargeted": ("pipeline", "Retargeted"),
     "Settings": ("validation", "Settings"),
     "TrainedMapper": ("trained", "TrainedMapper"),
+    "convert": ("conversion", "convert"),
     "learn": ("trained", "learn"),
     "load_capture": ("capture", "load"),
     "load_clip": ("clip", "load_clip"),
@@ -71,6 +73,7 @@ __all__ = [
     "Settings",
     "TrainedMapper",
     "__version__",
+    "convert",
     "learn",
     "load_capture",
     "load_clip",

@@ -1,0 +1,50 @@
+"""convert: a clip from one file format to another."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from physretarget.cli import app
+from physretarget.cli.common import command, complete, one_of, say
+from physretarget.conversion import convert
+from physretarget.mjcf import Character
+
+ORDERS = ("wxyz", "xyzw")
+
+
+@command(app, "convert", example="physretarget convert jump.npz jump.glb --model lamp.xml")
+def convert_command(
+    source: Annotated[Path, typer.Argument(metavar="IN")],
+    target: Annotated[Path, typer.Argument(metavar="OUT")],
+    model: Annotated[
+        Path | None,
+        typer.Option("--model", help="The clip's model; bvh and glb need it.", metavar="MODEL.xml"),
+    ] = None,
+    fps: Annotated[float | None, typer.Option("--fps", help="Of clips without a header.")] = None,
+    quat: Annotated[
+        str | None, typer.Option("--quat", help="Quaternion order of IN.", **complete(ORDERS))
+    ] = None,
+    to_quat: Annotated[
+        str, typer.Option("--to-quat", help="Quaternion order of a csv.", **complete(ORDERS))
+    ] = "xyzw",
+    header: Annotated[
+        bool, typer.Option("--header", help="Begin a csv with names, and give it a time column.")
+    ] = False,
+) -> None:
+    """Convert a clip: npz, csv, npy, GMR pkl and others in; npz, csv, npy, bvh, glb out."""
+    one_of(to_quat, ORDERS, "--to-quat")
+    clip = convert(
+        source,
+        target,
+        character=Character.load(model) if model else None,
+        fps=fps,
+        quat=quat,
+        to_quat=to_quat,
+        header=header,
+    )
+    for note in clip.notes:
+        say(f"  note: {note}")
+    say(f"{target}: {clip.frames} frames, {clip.duration:.2f} s.")
