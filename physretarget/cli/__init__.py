@@ -40,6 +40,7 @@ def _program(
 
 
 from physretarget.cli import (  # noqa: E402, F401
+    convert,
     demo,
     face,
     keyposes,
