@@ -83,7 +83,7 @@ class Offer:
 def _spans_offer(bank: Bank, n: int, fps: float, settings: CoverSettings) -> Offer | None:
     if not bank.spans:
         return None
-    known = bank.available(bank.spans, n / fps)
+    known = bank.available(False, n / fps)
     chosen = np.flatnonzero(known) if known.any() else np.arange(len(bank.spans))
     counts = np.array([len(bank.spans[k].segments) for k in chosen], dtype=np.float64)
     price = settings.key_cost - settings.prior * np.log(counts / counts.sum())
@@ -93,7 +93,7 @@ def _spans_offer(bank: Bank, n: int, fps: float, settings: CoverSettings) -> Off
 
 
 def _phrases_offer(bank: Bank, n: int, fps: float, settings: CoverSettings) -> Offer | None:
-    known = np.flatnonzero(bank.available(bank.phrases, n / fps)).tolist()
+    known = np.flatnonzero(bank.available(True, n / fps)).tolist()
     # Keys closer than two frames could not be told apart in the capture.
     chosen = [k for k in known if np.diff(bank.phrases[k].table[:, 0]).min() * n >= 2.0]
     if not len(chosen):
@@ -150,9 +150,10 @@ def _bid(
             screen,
             offer.amplitudes,
         )
-        price = fit.score * weight + offer.price
-        pick = np.argmin(price, axis=1)
-        low = np.take_along_axis(price, pick[:, None], 1).reshape(count, -1)
+        # The method ranks the templates; what the choice costs is its misfit, in one currency.
+        pick = np.argmin(fit.score * weight + offer.price, axis=1)
+        misfit = np.take_along_axis(fit.squared, pick[:, None], 1)[:, 0]
+        low = (misfit * weight + offer.price[pick]).reshape(count, -1)
         better = low < cost[block, n:, index]
         cost[block, n:, index] = np.where(better, low, cost[block, n:, index])
         numbers = offer.numbers[pick].reshape(count, -1)

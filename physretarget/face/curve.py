@@ -311,7 +311,7 @@ def solve_time(x: ArrayLike, x1: ArrayLike, x2: ArrayLike) -> Array:
     for _ in range(64):
         v = 1.0 - u
         error = 3.0 * v * v * u * a + 3.0 * v * u * u * b + u**3 - target
-        if float(np.max(np.abs(error), initial=0.0)) < 1e-15:
+        if float(np.max(np.abs(error), initial=0.0)) < 1e-14:
             break
         low = np.where(error < 0, u, low)
         high = np.where(error > 0, u, high)

@@ -29,12 +29,14 @@ def distance_profile(capture: Array, segment: Array) -> Array:
     first = p[: m - n + 1]
     window_sum = sums[n:] - sums[:-n]
     window_squares = squares[n:] - squares[:-n] - 2.0 * first * window_sum + n * first * first
-    correlate = np.correlate if n * m < 200_000 else _correlate_fft
-    cross = correlate(p, q, mode="valid") - first * q.sum()
-    return np.maximum(window_squares - 2.0 * cross + float(q @ q), 0.0)
+    cross = _correlate(p, q) - first * q.sum()
+    distances: Array = np.maximum(window_squares - 2.0 * cross + float(q @ q), 0.0)
+    return distances
 
 
-def _correlate_fft(p: Array, q: Array, mode: str = "valid") -> Array:
+def _correlate(p: Array, q: Array) -> Array:
+    if len(p) * len(q) < 200_000:  # below, the direct sum is faster
+        return np.correlate(p, q, mode="valid")
     return np.asarray(fftconvolve(p, q[::-1], mode="valid"), dtype=np.float64)
 
 

@@ -36,8 +36,7 @@ def greedy_cover(
     known = np.array([], dtype=np.intp)
     for n in longest_first:
         if len(big):
-            templates = tuple(bank.phrases[k] for k in big)
-            known = big[bank.available(templates, n / fps)]
+            known = big[bank.available(True, n / fps)[big]]
         if len(known):
             shapes = bank.phrase_shapes(n)[known]
             most = np.array([bank.phrases[k].amplitudes.max() for k in known], dtype=np.float32)

@@ -9,6 +9,7 @@ short gestures cut through the middle.
 from __future__ import annotations
 
 import json
+import zipfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -56,6 +57,11 @@ class Example:
         """Largest minus smallest value, the unit of its segments' amplitudes."""
         return float(np.ptp(self.curve.evaluate(_dense(self.curve))))
 
+    @property
+    def is_still(self) -> bool:
+        """Whether it never moves, rounding aside."""
+        return self.range <= 1e-9 * max(1.0, float(np.abs(self.curve.value).max()))
+
 
 @dataclass(frozen=True)
 class Segment:
@@ -86,7 +92,7 @@ class Library:
             for shot in shots
             for channel, curve in shot.curves.items()
             if len(curve.keys) > 1
-            and (example := Example(shot.name, channel, curve, shot.sha256)).range > 0
+            and not (example := Example(shot.name, channel, curve, shot.sha256)).is_still
         )
         return cls(examples, settings or LibrarySettings())
 
@@ -216,7 +222,7 @@ class Library:
             return cls(tuple(examples), LibrarySettings(**meta["settings"]))
         except OSError as error:
             raise InputError(f"cannot be read: {error.strerror or error}.", path=path) from error
-        except (ValueError, KeyError, TypeError, IndexError, EOFError) as error:
+        except (zipfile.BadZipFile, ValueError, KeyError, TypeError, IndexError, EOFError) as error:
             raise InputError("not a library written by face library.", path=path) from error
 
 

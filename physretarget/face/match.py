@@ -25,6 +25,7 @@ from physretarget.face.templates import Bank, make_bank
 from physretarget.face.warp import fit, within_range
 
 Array = NDArray[np.float64]
+Banks = dict[tuple[str, ...], Bank]
 PLACEMENTS = ("optimal", "greedy")
 
 
@@ -121,7 +122,7 @@ def match(
     *,
     span: tuple[float, float] | None = None,
     locked: Mapping[str, Sequence[Key]] | None = None,
-    banks: dict[tuple[str, ...], Bank] | None = None,
+    banks: Banks | None = None,
     progress: Callable[[str], None] = lambda channel: None,
 ) -> Result:
     """Match every channel of a rig against a library.
@@ -150,18 +151,19 @@ def match(
     results: dict[str, ChannelResult] = {}
     for group in dict.fromkeys(c.group for c in matched):
         progress(group)
-        bank = _bank(library, rig, group, kept)
+        bank = _bank(library, rig, group, chosen.placement == "greedy", kept)
         members = [c for c in matched if c.group == group]
         results |= _group(driven, members, bank, library, chosen, locked or {})
     ordered = {c.name: results[c.name] for c in matched}
     return Result(driven, ordered, chosen, driven.notes)
 
 
-def _bank(library: Library, rig: Rig, group: str, banks: dict[tuple[str, ...], Bank]) -> Bank:
+def _bank(library: Library, rig: Rig, group: str, phrases: bool, banks: Banks) -> Bank:
     patterns = tuple(rig.library.get(group, ()))
-    if patterns not in banks:
-        banks[patterns] = make_bank(library, lambda name: rig.borrows(group, name))
-    bank = banks[patterns]
+    wanted = (*patterns, str(phrases))
+    if wanted not in banks:
+        banks[wanted] = make_bank(library, lambda name: rig.borrows(group, name), phrases=phrases)
+    bank = banks[wanted]
     if not bank.spans:
         asked = f" for group {group} ({', '.join(patterns)})" if patterns else ""
         raise InputError(f"the library holds no segment that moves{asked}.")
@@ -227,6 +229,10 @@ def _group(
     placed = place(
         job.values, job.smooth, take.fps, bank, settings.method, prices, settings.screen, job.barred
     )
+    last = len(take.time) - 1
+    for row in np.flatnonzero(np.ptp(job.values, axis=1) < 1e-9):
+        if not job.locked[row]:  # a channel at rest is one hold, however long
+            placed[row] = [Placed(0, last, 0)]
     return {
         channel.name: _channel(take, job, row, placed[row], bank, library, settings)
         for row, channel in enumerate(channels)

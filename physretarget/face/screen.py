@@ -76,10 +76,10 @@ def fit_windows(
         residual += rise[:, None] ** 2 * np.einsum("sn,sn->s", shapes, shapes)[None]
     else:
         bent = shapes - shapes[:, -1:] * ramp
-        level -= rise[:, None] * ramp
+        level = np.asarray(level - rise[:, None] * ramp, dtype=np.float32)
         power = np.maximum(np.einsum("sn,sn->s", bent, bent), 1e-12)[None]
         cross = level @ bent.T
-        gain = np.clip(cross / power, amplitudes[0][None], amplitudes[1][None])
+        gain = np.asarray(np.clip(cross / power, amplitudes[0], amplitudes[1]), np.float32)
         energy = np.einsum("rn,rn->r", level, level)[:, None]
         residual = energy - 2 * gain * cross + gain * gain * power
     squared = np.maximum(residual, 0.0) / np.float32(n + 1)

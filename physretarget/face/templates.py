@@ -52,6 +52,7 @@ class Bank:
     spans: tuple[Template, ...]
     phrases: tuple[Template, ...]
     _shapes: dict[int, NDArray[np.float32]] = field(default_factory=dict, repr=False)
+    _known: dict[tuple[bool, float], NDArray[np.bool_]] = field(default_factory=dict, repr=False)
 
     def span_shapes(self, intervals: int) -> NDArray[np.float32]:
         """(S, intervals + 1) samples of every span; kept, since every take asks for them."""
@@ -72,15 +73,16 @@ class Bank:
         shapes: NDArray[np.float32] = known[:, left] * (1 - share) + known[:, left + 1] * share
         return shapes
 
-    def available(self, templates: tuple[Template, ...], seconds: float) -> NDArray[np.bool_]:
-        """Which templates have a segment within a factor of two of this duration."""
-        return np.array(
-            [
+    def available(self, phrases: bool, seconds: float) -> NDArray[np.bool_]:
+        """Which spans (or phrases) have a segment within a factor of two of this duration."""
+        asked = (phrases, round(seconds, 6))
+        if asked not in self._known:
+            near = [
                 bool(((t.durations >= seconds / 2) & (t.durations <= seconds * 2)).any())
-                for t in templates
-            ],
-            dtype=bool,
-        )
+                for t in (self.phrases if phrases else self.spans)
+            ]
+            self._known[asked] = np.array(near, dtype=bool)
+        return self._known[asked]
 
 
 def sample(tables: list[Array], count: int) -> Array:
@@ -111,71 +113,95 @@ def _sample_equal(tables: Array, x: Array) -> Array:
     return result
 
 
+_Entry = tuple[int, Array, float, float]  # segment, unit table, seconds, amplitude
+
+
 def make_bank(
     library: Library,
     usable: Callable[[str], bool] = lambda channel: True,
     *,
+    phrases: bool = True,
     most_spans: int = 48,
     most_phrases: int = 400,
 ) -> Bank:
     """Templates of every segment whose library channel is usable, the commonest first."""
-    spans: list[tuple[int, Array, float, float]] = []
-    phrases: list[tuple[int, Array, float, float]] = []
+    examples = [usable(e.channel) for e in library.examples]
+    by_keys: dict[int, list[int]] = {}
     for index, segment in enumerate(library.segments):
+        if examples[segment.example] and (phrases or segment.keys == 2):
+            by_keys.setdefault(segment.keys, []).append(index)
+    found = {size: _entries(library, members) for size, members in by_keys.items()}
+    long = [e for size, entries in found.items() if size > 2 for e in entries]
+    return Bank(_cluster(found.get(2, []), most_spans), _cluster(long, most_phrases))
+
+
+def _entries(library: Library, members: list[int]) -> list[_Entry]:
+    """Unit tables of segments with equally many keys; stepped and level ones are left out."""
+    kept, tables = [], []
+    for index in members:
+        segment = library.segments[index]
         example = library.examples[segment.example]
-        if not usable(example.channel):
-            continue
-        keys = example.curve.keys[segment.first : segment.last + 1]
-        if any(k.out_type in ("stepped", "stepped_next") for k in keys[:-1]):
-            continue
-        table = example.curve.table[segment.first : segment.last + 1]
-        unit = _unit(table)
-        if unit is None:
-            continue
-        shape, amplitude = unit
-        duration = float(table[-1, 0] - table[0, 0])
-        entry = (index, shape, duration, amplitude / example.range)
-        (spans if len(keys) == 2 else phrases).append(entry)
-    return Bank(_cluster(spans, most_spans), _cluster(phrases, most_phrases))
+        keys = example.curve.keys[segment.first : segment.last]
+        if not any(k.out_type in ("stepped", "stepped_next") for k in keys):
+            kept.append(index)
+            tables.append(example.curve.table[segment.first : segment.last + 1])
+    if not kept:
+        return []
+    raw = np.stack(tables)
+    shapes, amplitude, sound = _unit(raw)
+    seconds = raw[:, -1, 0] - raw[:, 0, 0]
+    return [
+        (
+            kept[k],
+            shapes[k],
+            float(seconds[k]),
+            float(amplitude[k]) / library.examples[library.segments[kept[k]].example].range,
+        )
+        for k in np.flatnonzero(sound)
+    ]
 
 
-def _unit(table: Array) -> tuple[Array, float] | None:
-    """Width 1, start (0, 0); two keys: rise 1; more: largest minus smallest key value 1."""
-    width = table[-1, 0] - table[0, 0]
-    shape = table - np.array([table[0, 0], table[0, 1], 0, 0, 0, 0])
-    rise = float(shape[-1, 1] if len(table) == 2 else np.ptp(shape[:, 1]))
-    if abs(rise) < 1e-9 * max(1.0, float(np.abs(table[:, 1]).max())):
-        return None
-    shape = shape / np.array([width, rise] * 3)
-    shape[0, 2:4] = shape[-1, 4:6] = 0.0
-    shape = _least_handles(shape)
-    bent = np.abs(shape[:, [3, 5]]).max() > 3.0
-    return None if bent else (shape, abs(rise))
+def _unit(tables: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Tables (S, K, 6) to width 1, start (0, 0), height 1; amplitudes (S,); which are usable.
+
+    Height: the rise of two keys, else largest minus smallest key value.
+    """
+    shapes = tables.copy()
+    shapes[:, :, :2] -= tables[:, :1, :2]
+    width = shapes[:, -1, 0]
+    rise = shapes[:, -1, 1] if tables.shape[1] == 2 else np.ptp(shapes[:, :, 1], axis=1)
+    sound = np.abs(rise) >= 1e-9 * np.maximum(1.0, np.abs(tables[:, :, 1]).max(axis=1))
+    height = np.where(sound, rise, 1.0)
+    shapes /= np.stack([width, height] * 3, axis=1)[:, None]
+    shapes[:, 0, 2:4] = shapes[:, -1, 4:6] = 0.0
+    for k in range(shapes.shape[1] - 1):
+        _least_handles(shapes[:, k], shapes[:, k + 1])
+    sound &= np.abs(shapes[:, :, [3, 5]]).max(axis=(1, 2)) <= 3.0
+    return shapes, np.abs(rise), sound
 
 
-def _least_handles(shape: Array) -> Array:
-    """Tangents of no length drawn out a little along the chord of their span's controls."""
-    result = shape.copy()
-    for k in range(len(shape) - 1):
-        a, b = result[k], result[k + 1]
-        width = b[0] - a[0]
-        a[4:6] *= min(1.0, width / max(a[4], 1e-12))
-        b[2:4] *= min(1.0, width / max(-b[2], 1e-12))
-        if a[4] < _LEAST_HANDLE * width:
-            toward = np.array([width + b[2], b[1] + b[3] - a[1]])
-            a[4:6] = toward * (_LEAST_HANDLE * width / max(toward[0], _LEAST_HANDLE * width))
-        if -b[2] < _LEAST_HANDLE * width:
-            toward = np.array([a[4] - width, a[1] + a[5] - b[1]])
-            b[2:4] = toward * (_LEAST_HANDLE * width / max(-toward[0], _LEAST_HANDLE * width))
-    return result
+def _least_handles(left: Array, right: Array) -> None:
+    """Tangents within their span; those of no length drawn out a little toward the other's end."""
+    width = right[:, 0] - left[:, 0]
+    left[:, 4:6] *= np.minimum(1.0, width / np.maximum(left[:, 4], 1e-12))[:, None]
+    right[:, 2:4] *= np.minimum(1.0, width / np.maximum(-right[:, 2], 1e-12))[:, None]
+    least = _LEAST_HANDLE * width
+    short = (left[:, 4] < least)[:, None]
+    run = np.maximum(width + right[:, 2], least)
+    rise = right[:, 1] + right[:, 3] - left[:, 1]
+    left[:, 4:6] = np.where(short, np.stack([least, rise * least / run], 1), left[:, 4:6])
+    short = (-right[:, 2] < least)[:, None]
+    run = np.maximum(width - left[:, 4], least)
+    rise = left[:, 1] + left[:, 5] - right[:, 1]
+    right[:, 2:4] = np.where(short, np.stack([-least, rise * least / run], 1), right[:, 2:4])
 
 
-def _cluster(entries: list[tuple[int, Array, float, float]], most: int) -> tuple[Template, ...]:
+def _cluster(entries: list[_Entry], most: int) -> tuple[Template, ...]:
     """Leader clustering, in order of appearance: deterministic and without a second pass."""
-    groups: list[list[tuple[int, Array, float, float]]] = []
+    groups: list[list[_Entry]] = []
     leaders: dict[int, list[int]] = {}
     shapes: dict[int, Array] = {}
-    by_keys: dict[int, list[tuple[int, Array, float, float]]] = {}
+    by_keys: dict[int, list[_Entry]] = {}
     for entry in entries:
         by_keys.setdefault(len(entry[1]), []).append(entry)
     for size, members in by_keys.items():
@@ -196,7 +222,7 @@ def _cluster(entries: list[tuple[int, Array, float, float]], most: int) -> tuple
     return tuple(_template(groups[g]) for g in order)
 
 
-def _template(members: list[tuple[int, Array, float, float]]) -> Template:
+def _template(members: list[_Entry]) -> Template:
     members = sorted(members, key=lambda m: (m[2], m[0]))
     return Template(
         members[0][1],

@@ -1,0 +1,203 @@
+"""face: an animator's library, matching of facial capture, and plain key reduction."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, cast
+
+import typer
+
+from physretarget.cli import app
+from physretarget.cli.common import command, complete, one_of, progress, say
+from physretarget.errors import UsageError
+from physretarget.face.curve import Curve, Key
+from physretarget.face.formats import read_shots, read_take, write_shot
+from physretarget.face.library import Library, LibrarySettings
+from physretarget.face.match import PLACEMENTS, MatchSettings, Result, match
+from physretarget.face.reduce import Reducer, reduce_curve
+from physretarget.face.rig import Rig
+from physretarget.face.screen import METHODS, Method
+from physretarget.face.shot import Shot
+from physretarget.files import write_file
+
+group = typer.Typer(
+    help="Dense facial capture to sparse curves in an animator's style.",
+    epilog="Example: physretarget face library takes/*.anim --rig face.toml --out face.lib",
+    no_args_is_help=True,
+)
+app.add_typer(group, name="face")
+
+REDUCERS = ("decimate", "schneider")
+RigOption = Annotated[
+    Path | None,
+    typer.Option("--rig", metavar="RIG.toml", help="Capture to rig channels; ARKit's by default."),
+]
+Out = Annotated[Path, typer.Option("--out", metavar="FILE", help="Suffix chooses the format.")]
+Fps = Annotated[float | None, typer.Option("--fps", help="Resample the capture first.")]
+Lips = Annotated[bool, typer.Option("--lips", help="Lips too; by default left to the capture.")]
+
+
+@command(
+    group, "library", example="physretarget face library shots/ --rig girl.toml --out style.npz"
+)
+def library_command(
+    paths: Annotated[list[Path], typer.Argument(metavar="PATHS...")],
+    out: Annotated[Path, typer.Option("--out", metavar="LIB.npz")],
+    rig: RigOption = None,
+    min_keys: Annotated[int, typer.Option("--min-keys", help="Fewest keys of a half.")] = 4,
+    show: Annotated[bool, typer.Option("--list", help="Print every shot in it.")] = False,
+) -> None:
+    """Collect past shots; an existing LIB is brought up to date, unchanged files are not reread."""
+    chosen = None if rig is None else Rig.load(rig)
+    previous = Library.load(out) if out.exists() else None
+    with progress("reading") as stage:
+        made = Library.build(
+            paths, LibrarySettings(min_keys=min_keys), previous=previous, progress=stage
+        )
+    made.save(out)
+    lines = made.describe().splitlines()
+    say(f"{out}: {lines[0]}.")
+    if chosen is not None:
+        for name in dict.fromkeys(c.group for c in chosen.matched()):
+            count = sum(chosen.borrows(name, e.channel) for e in made.examples)
+            say(f"{name}: {count} curves to borrow from.")
+    if show:
+        typer.echo("\n".join(lines[1:]))
+
+
+@command(
+    group,
+    "match",
+    example="physretarget face match take.csv --library style.npz --rig girl.toml --out take.anim",
+)
+def match_command(
+    capture: Annotated[Path, typer.Argument(metavar="CAPTURE")],
+    library: Annotated[Path, typer.Option("--library", metavar="LIB.npz")],
+    out: Out,
+    rig: RigOption = None,
+    method: Annotated[str, typer.Option("--method", **complete(METHODS))] = "distance",
+    fidelity: Annotated[
+        float, typer.Option("--fidelity", help="Misfit that matters, of what a channel moves.")
+    ] = MatchSettings.fidelity,
+    key_cost: Annotated[
+        float, typer.Option("--key-cost", help="Price of a key: higher is sparser.")
+    ] = MatchSettings.key_cost,
+    placement: Annotated[str, typer.Option("--placement", **complete(PLACEMENTS))] = "optimal",
+    lips: Lips = False,
+    start: Annotated[float | None, typer.Option("--start", help="Seconds.")] = None,
+    end: Annotated[float | None, typer.Option("--end", help="Seconds.")] = None,
+    locked: Annotated[
+        Path | None,
+        typer.Option("--locked", metavar="FILE", help="Keyed curves whose keys stay as they are."),
+    ] = None,
+    fps: Fps = None,
+    report: Annotated[Path | None, typer.Option("--report", metavar="DIR")] = None,
+) -> None:
+    """Turn a capture into sparse curves made of the library's segments."""
+    one_of(method, METHODS, "--method")
+    settings = MatchSettings(
+        method=cast(Method, method),
+        fidelity=fidelity,
+        key_cost=key_cost,
+        placement=placement,
+        lips=lips,
+    )
+    take = read_take(capture, fps=fps)
+    span = None
+    if start is not None or end is not None:
+        span = (start if start is not None else 0.0, end if end is not None else take.time[-1])
+    used = Rig.of(take) if rig is None else Rig.load(rig)
+    pins = {} if locked is None else _locked(locked)
+    with progress("matching") as stage:
+        result = match(
+            take, Library.load(library), used, settings, span=span, locked=pins, progress=stage
+        )
+    for loss in write_shot(out, result.shot()):
+        say(loss)
+    dense = len(result.take.time)
+    say(
+        f"{out}: {len(result.channels)} channels, {result.keys} keys, "
+        f"{100 * result.reduction:.1f} % fewer than the capture's {dense} frames each."
+    )
+    if report is not None:
+        _write_report(report, result)
+
+
+def _locked(path: Path) -> dict[str, tuple[Key, ...]]:
+    shots = read_shots(path)
+    if len(shots) != 1:
+        raise UsageError(f"--locked {path}: one shot is needed, it holds {len(shots)}.")
+    return {name: curve.keys for name, curve in shots[0].curves.items()}
+
+
+def _write_report(folder: Path, result: Result) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    content = {
+        "schema": "physretarget/face/1",
+        "capture": {
+            "name": result.take.name,
+            "sha256": result.take.sha256,
+            "frames": len(result.take.time),
+            "fps": result.take.fps,
+        },
+        "settings": asdict(result.settings),
+        "keys": result.keys,
+        "reduction": result.reduction,
+        "channels": {
+            name: {
+                "error": channel.error,
+                "unit": channel.unit,
+                "keys": len(channel.curve.keys),
+                "piece_of_key": channel.piece_of,
+                "pieces": [asdict(piece) for piece in channel.pieces],
+            }
+            for name, channel in result.channels.items()
+        },
+    }
+    write_file(folder / "report.json", (json.dumps(content, indent=1) + "\n").encode())
+    say(f"{folder / 'report.json'}: where every key comes from.")
+
+
+@command(
+    group, "reduce", example="physretarget face reduce take.csv --error 0.02 --out take.curves.json"
+)
+def reduce_command(
+    capture: Annotated[Path, typer.Argument(metavar="CAPTURE")],
+    out: Out,
+    how: Annotated[str, typer.Option("--how", **complete(REDUCERS))] = "decimate",
+    error: Annotated[
+        float | None, typer.Option("--error", help="Largest error, of what a channel moves.")
+    ] = None,
+    keys: Annotated[int | None, typer.Option("--keys", help="Keys per channel.")] = None,
+    rig: RigOption = None,
+    lips: Lips = False,
+    fps: Fps = None,
+) -> None:
+    """Plain key reduction, the baseline that knows no animator."""
+    one_of(how, REDUCERS, "--how")
+    if error is None and keys is None:
+        error = 0.02
+    take = read_take(capture, fps=fps)
+    used = Rig.of(take) if rig is None else Rig.load(rig)
+    driven = used.drive(take)
+    curves: dict[str, Curve] = {}
+    with progress("reducing") as stage:
+        for channel in used.matched(lips=lips):
+            stage(channel.name)
+            values = driven.channel(channel.name)
+            unit = min(max(float(values.max() - values.min()), 0.05 * channel.range), channel.range)
+            curves[channel.name] = reduce_curve(
+                values,
+                take.fps,
+                cast(Reducer, how),
+                error=None if error is None else error * unit,
+                keys=keys,
+            )
+    shot = Shot(take.name, curves, take.fps, take.sha256)
+    for loss in write_shot(out, shot):
+        say(loss)
+    total = sum(len(c.keys) for c in curves.values())
+    dense = len(take.time) * max(1, len(curves))
+    say(f"{out}: {len(curves)} channels, {total} keys, {100 * (1 - total / dense):.1f} % fewer.")
