@@ -38,8 +38,8 @@ class IkSettings:
     distance over the height squared. Zero switches that off.
     """
 
-    iterations: int = 25
-    tolerance: float = 1e-4
+    iterations: int = 15
+    tolerance: float = 3e-4
     prior: float = 1e-6
     leap: float = 0.3
     flip: float = 0.9
