@@ -24,6 +24,9 @@ MOTIONS = {
     "jump": "humanoid3d_jump.txt",
     "dance": "humanoid3d_dance_a.txt",
 }
+STEPS = 1 + 7 * len(MOTIONS)
+"""How often :func:`run` tells its progress."""
+
 SENTENCES = {
     "jump": "Squash, a jump off both feet, and a soft landing.",
     "dance": "Turns on the spot, reaches up, dives low.",

@@ -40,4 +40,5 @@ def test_the_demo_shows_a_jump_and_a_dance(tmp_path: Path) -> None:
         assert each.result.physical is not None
         before, after = each.result.physical.mismatch_before, each.result.physical.mismatch_after
         assert after <= 0.4 * before
+    assert len(steps) == demo.STEPS
     assert any("physics" in step for step in steps)

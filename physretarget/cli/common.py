@@ -10,6 +10,8 @@ from typing import Annotated, Any, TypeVar
 
 import typer
 from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from physretarget.errors import UsageError
 
@@ -53,13 +55,26 @@ def command(app: typer.Typer, name: str, *, example: str) -> Callable[[Function]
 
 
 @contextmanager
-def progress(what: str) -> Iterator[Callable[[str], None]]:
-    """A spinner with the running stage's name on a terminal, nothing when piped."""
+def progress(what: str, steps: int | None = None) -> Iterator[Callable[[str], None]]:
+    """A bar with the running stage's name on a terminal, nothing when piped.
+
+    Calling what it yields begins the next of ``steps`` stages; the bar only pulses where their
+    number is not known.
+    """
     if not messages.is_terminal or messages.quiet:
         yield lambda stage: None
         return
-    with messages.status(what) as status:
-        yield lambda stage: status.update(f"{what}: {stage}")
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=messages, transient=True) as bar:
+        task = bar.add_task(escape(what), total=steps)
+        begun = 0
+
+        def begin(stage: str) -> None:
+            nonlocal begun
+            bar.update(task, description=escape(f"{what}: {stage}"), completed=begun)
+            begun += 1
+
+        yield begin
 
 
 def say(text: str) -> None:

@@ -19,7 +19,7 @@ def demo_command(
     ),
 ) -> None:
     """A desk lamp acts out a real human's jump and dance, judged by physics."""
-    with progress("demo") as step:
+    with progress("demo", steps=demo.STEPS) as step:
         index, shown = demo.run(out, progress=step)
     for each in shown:
         physical = each.result.physical

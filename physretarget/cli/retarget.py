@@ -155,9 +155,12 @@ def retarget_command(
     )
     phases = contact.read_phases(contacts) if contacts else None
     failed = 0
-    for path, target in zip(captures, targets, strict=True):
+    # Reading, preparing, mapping and posing come before the first stage that can be the last.
+    steps = 4 + STAGES.index(settings.until) + bool(report)
+    for number, (path, target) in enumerate(zip(captures, targets, strict=True), start=1):
+        count = f"{number}/{len(captures)} " if len(captures) > 1 else ""
         try:
-            with progress(path.name) as step:
+            with progress(count + path.name, steps=steps) as step:
                 step("read")
                 motion = capture.load(path, unit=unit, up=up, skeleton=skeleton, mass=mass)
                 result = retarget(motion, trained, settings=settings, phases=phases, progress=step)
