@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
 from os import PathLike
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,21 +20,30 @@ from numpy.typing import NDArray
 from physretarget import __version__, assets
 from physretarget.errors import InputError
 from physretarget.face.curve import Curve
+from physretarget.face.explain import Piece
+from physretarget.face.library import Library
+from physretarget.face.match import Result
+from physretarget.face.measure import extremum_timing
+from physretarget.face.reduce import Reducer, reduce_curve
+from physretarget.face.rig import Rig
 from physretarget.files import write_file
 
 Array = NDArray[np.float64]
 SpanKind = Literal["matched", "fitted", "locked", "reduced"]
-"""matched: borrowed from a shot; fitted: nothing in the library suited, so a span was fitted;
-locked: the animator's own keys, kept; reduced: made by plain key reduction."""
+"""matched: borrowed from a shot; fitted: a gap that no segment was good enough for, closed with the
+nearest; locked: the animator's own keys, kept; reduced: made by plain key reduction."""
+
+REDUCERS: tuple[Reducer, ...] = get_args(Reducer)
 
 
 @dataclass(frozen=True)
 class Origin:
     """Where a span's shape comes from.
 
-    start, end: seconds in the shot. scale: result length over example length. error: misfit as a
-    fraction of the channel's range. margin: how much worse the runner-up was, same unit; None
-    where there was none. runner_up: its shot and channel. example: the borrowed keys themselves.
+    start, end: seconds in the shot. scale, amplitude: result over example in time and in height.
+    error: root mean square misfit as a fraction of what the channel moves. margin: by how much of
+    its own misfit the runner-up fits worse; None where there was none. alike: how many segments
+    of the library share the shape. example: the borrowed keys themselves.
     """
 
     shot: str
@@ -42,9 +51,10 @@ class Origin:
     start: float
     end: float
     scale: float
+    amplitude: float
     error: float
     margin: float | None = None
-    runner_up: str = ""
+    alike: int = 1
     example: Curve | None = None
 
 
@@ -88,6 +98,92 @@ class TakeReport:
     figures: Mapping[str, str] = field(default_factory=dict)
     comparison: Sequence[Sequence[str]] = ()
     notes: Sequence[str] = ()
+
+
+def take_report(
+    result: Result,
+    rig: Rig,
+    library: Library | None = None,
+    *,
+    title: str | None = None,
+    baselines: bool = True,
+) -> TakeReport:
+    """The report of a match, beside plain reducers at each channel's own number of keys.
+
+    The library lets the page draw the borrowed keys. ``baselines=False`` saves their time.
+    """
+    settings = result.settings
+    examples = {(e.shot, e.channel): e.curve for e in library.examples} if library else {}
+    places = {c.name: c for c in rig.channels}
+    time = result.take.time
+    channels, scores = [], dict[str, list[tuple[int, float, float]]]()
+    for name, found in result.channels.items():
+        capture = result.take.channel(name)
+        outputs: dict[str, Curve] = {settings.method: found.curve}
+        if baselines:
+            count = len(found.curve.keys)
+            for how in REDUCERS:
+                outputs[how] = reduce_curve(
+                    capture, result.take.fps, how, keys=count, start=float(time[0])
+                )
+        for label, curve in outputs.items():
+            scores.setdefault(label, []).append(_scores(curve, capture, time, found.unit))
+        timing = scores[settings.method][-1][2]
+        spans = tuple(_source(piece, examples) for piece in found.pieces)
+        where = places[name]
+        channels.append(
+            ChannelReport(
+                name, where.group, where.lower, where.upper, capture, found.curve, spans,
+                found.error, timing,
+            )
+        )  # fmt: skip
+    flagged = sum(span.low for c in channels for span in c.spans)
+    method = (
+        f"{settings.method} matching, {settings.placement} placement, "
+        f"fidelity {settings.fidelity:g}, key cost {settings.key_cost:g}"
+    )
+    comparison = [("same number of keys", "keys", "error (RMS)", "turning points off by")]
+    comparison += [(label, *_row(rows)) for label, rows in scores.items()]
+    figures = {
+        "channels": str(len(channels)),
+        "keys": f"{result.keys}",
+        "fewer than the capture": f"{100 * result.reduction:.1f} %",
+        "error (RMS)": _row(scores.get(settings.method, []))[1],
+        "turning points off by": _row(scores.get(settings.method, []))[2],
+        "low-margin spans": str(flagged),
+    }
+    return TakeReport(
+        title or result.take.name, method, time, tuple(channels), figures,
+        comparison if baselines else (), (*result.take.notes,),
+    )  # fmt: skip
+
+
+def _scores(curve: Curve, capture: Array, time: Array, unit: float) -> tuple[int, float, float]:
+    """Keys, error over unit, and distance of turning points (frames) that stand out by 5 %."""
+    output = curve.evaluate(time)
+    error = float(np.sqrt(np.mean((output - capture) ** 2))) / max(unit, 1e-12)
+    return len(curve.keys), error, extremum_timing(output, capture, 0.05 * unit)
+
+
+def _row(rows: list[tuple[int, float, float]]) -> tuple[str, str, str]:
+    if not rows:
+        return "0", "–", "–"
+    keys, errors, timing = (np.array(column) for column in zip(*rows, strict=True))
+    frames = f"{np.nanmean(timing):.2f} frames" if np.isfinite(timing).any() else "–"
+    return str(int(keys.sum())), f"{100 * errors.mean():.2f} %", frames
+
+
+def _source(piece: Piece, examples: Mapping[tuple[str, str], Curve]) -> SourceSpan:
+    curve = examples.get((piece.shot, piece.channel))
+    if curve is not None:
+        near = [k for k in curve.keys if piece.source_start <= k.time <= piece.source_end]
+        curve = Curve(tuple(near)) if len(near) > 1 else None
+    origin = Origin(
+        piece.shot, piece.channel, piece.source_start, piece.source_end, piece.stretch,
+        piece.amplitude, piece.error, piece.margin, piece.alike, curve,
+    )  # fmt: skip
+    kind: SpanKind = "fitted" if piece.fitted else "matched"
+    return SourceSpan(piece.start, piece.end, kind, origin, piece.low_margin)
 
 
 def write_report(path: str | PathLike[str], report: TakeReport) -> None:
@@ -183,9 +279,10 @@ def _span(span: SourceSpan) -> dict[str, Any]:
             "start": round(origin.start, 4),
             "end": round(origin.end, 4),
             "scale": round(origin.scale, 4),
+            "amplitude": round(origin.amplitude, 6),
             "error": round(origin.error, 6),
             "margin": None if origin.margin is None else round(origin.margin, 6),
-            "runner": origin.runner_up,
+            "alike": origin.alike,
         }
         if origin.example is not None:
             extent = float(np.ptp(origin.example.value))
