@@ -24,7 +24,7 @@ class CoverSettings:
     a phrase cost. prior: weight of how common a template is. longest: longest span in seconds.
     """
 
-    fidelity: float = 0.02
+    fidelity: float = 0.03
     key_cost: float = 12.0
     inner_key: float = 0.7
     prior: float = 1.0

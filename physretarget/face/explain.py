@@ -65,9 +65,9 @@ def explain(
         template = (bank.phrases if piece.phrase else bank.spans)[piece.template]
         seconds = (piece.last - piece.first) / fps
         which = template.nearest(seconds)
-        segment = library.segments[int(template.segments[which])]
-        example = library.examples[segment.example]
-        first, last = example.curve.keys[segment.first], example.curve.keys[segment.last]
+        source = template.segments[which].tolist()
+        example = library.examples[source[0]]
+        first, last = example.curve.keys[source[1]], example.curve.keys[source[2]]
         margin = _margin(piece, bank, values, smooth, method, screen)
         height = float(np.ptp(output[piece.first : piece.last + 1]))
         there = float(template.amplitudes[which])

@@ -35,13 +35,16 @@ class MatchSettings:
 
     fidelity: misfit, as a fraction of what the channel moves, that is worth one unit of price: low
     replicates the capture, high deviates (the paper's threshold). key_cost: price of one key: low
-    is dense, high sparse. placement: ``optimal`` or the paper's ``greedy``. lips: match them too.
+    is dense, high sparse. placement: ``optimal`` or the paper's ``greedy``.
+    phrases: the optimal one may take segments of more than two keys as well, at twice the time.
+    lips: match them too.
     """
 
     method: Method = "distance"
-    fidelity: float = 0.02
+    fidelity: float = 0.03
     key_cost: float = 12.0
     placement: str = "optimal"
+    phrases: bool = False
     lips: bool = False
     low_margin: float = 0.1
     screen: ScreenSettings = field(default_factory=ScreenSettings)
@@ -151,7 +154,7 @@ def match(
     results: dict[str, ChannelResult] = {}
     for group in dict.fromkeys(c.group for c in matched):
         progress(group)
-        bank = _bank(library, rig, group, chosen.placement == "greedy", kept)
+        bank = _bank(library, rig, group, chosen.phrases or chosen.placement == "greedy", kept)
         members = [c for c in matched if c.group == group]
         results |= _group(driven, members, bank, library, chosen, locked or {})
     ordered = {c.name: results[c.name] for c in matched}
@@ -224,7 +227,9 @@ def _group(
     locked: Mapping[str, Sequence[Key]],
 ) -> dict[str, ChannelResult]:
     job = _job(take, channels, locked)
-    prices = CoverSettings(fidelity=settings.fidelity, key_cost=settings.key_cost)
+    prices = CoverSettings(
+        fidelity=settings.fidelity, key_cost=settings.key_cost, phrases=settings.phrases
+    )
     place = cover if settings.placement == "optimal" else greedy_cover
     placed = place(
         job.values, job.smooth, take.fps, bank, settings.method, prices, settings.screen, job.barred

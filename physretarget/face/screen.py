@@ -67,7 +67,8 @@ def fit_windows(
     ramp = np.linspace(0.0, 1.0, n + 1, dtype=np.float32)
     first, last = smooth[starts], smooth[starts + n]
     rise = last - first
-    level = windows(capture, n + 1)[starts] - first[:, None]
+    level: Array32 = windows(capture, n + 1)[starts] - first[:, None]
+    gain: NDArray[np.float32]
     if amplitudes is None:
         gain = np.broadcast_to(rise[:, None], (len(starts), len(shapes)))
         cross = level @ shapes.T
@@ -76,7 +77,7 @@ def fit_windows(
         residual += rise[:, None] ** 2 * np.einsum("sn,sn->s", shapes, shapes)[None]
     else:
         bent = shapes - shapes[:, -1:] * ramp
-        level = np.asarray(level - rise[:, None] * ramp, dtype=np.float32)
+        level = (level - rise[:, None] * ramp).astype(np.float32)
         power = np.maximum(np.einsum("sn,sn->s", bent, bent), 1e-12)[None]
         cross = level @ bent.T
         gain = np.asarray(np.clip(cross / power, amplitudes[0], amplitudes[1]), np.float32)

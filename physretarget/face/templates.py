@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget.face.curve import solve_time
-from physretarget.face.library import Library
+from physretarget.face.library import Library, Segment
 
 Array = NDArray[np.float64]
 _POINTS = 17
@@ -24,10 +24,10 @@ _LEAST_HANDLE = 0.05  # of the span: shorter tangents leave the slope at the key
 
 @dataclass(frozen=True, eq=False)
 class Template:
-    """Keys of unit width and amplitude with the segments (library indices) that have them.
+    """Keys of unit width and amplitude with the segments of the library that have them.
 
-    table (K, 6) as Curve.table; durations (S,) s ascending beside segments (S,);
-    amplitude (S,) of each segment as a fraction of its own curve's range.
+    table (K, 6) as Curve.table; durations (S,) s ascending beside segments (S, 3): example,
+    first and last key; amplitudes (S,) of each as a fraction of its own curve's range.
     """
 
     table: Array
@@ -113,7 +113,7 @@ def _sample_equal(tables: Array, x: Array) -> Array:
     return result
 
 
-_Entry = tuple[int, Array, float, float]  # segment, unit table, seconds, amplitude
+_Entry = tuple[Segment, Array, float, float]  # with unit table, seconds, amplitude
 
 
 def make_bank(
@@ -125,25 +125,31 @@ def make_bank(
     most_phrases: int = 400,
 ) -> Bank:
     """Templates of every segment whose library channel is usable, the commonest first."""
-    examples = [usable(e.channel) for e in library.examples]
-    by_keys: dict[int, list[int]] = {}
-    for index, segment in enumerate(library.segments):
-        if examples[segment.example] and (phrases or segment.keys == 2):
-            by_keys.setdefault(segment.keys, []).append(index)
+    by_keys: dict[int, list[Segment]] = {}
+    if phrases:
+        for segment in library.segments:
+            if usable(library.examples[segment.example].channel):
+                by_keys.setdefault(segment.keys, []).append(segment)
+    else:
+        by_keys[2] = [
+            Segment(index, k, k + 1)
+            for index, example in enumerate(library.examples)
+            if usable(example.channel)
+            for k in range(len(example.curve.keys) - 1)
+        ]
     found = {size: _entries(library, members) for size, members in by_keys.items()}
     long = [e for size, entries in found.items() if size > 2 for e in entries]
     return Bank(_cluster(found.get(2, []), most_spans), _cluster(long, most_phrases))
 
 
-def _entries(library: Library, members: list[int]) -> list[_Entry]:
+def _entries(library: Library, members: list[Segment]) -> list[_Entry]:
     """Unit tables of segments with equally many keys; stepped and level ones are left out."""
     kept, tables = [], []
-    for index in members:
-        segment = library.segments[index]
+    for segment in members:
         example = library.examples[segment.example]
         keys = example.curve.keys[segment.first : segment.last]
         if not any(k.out_type in ("stepped", "stepped_next") for k in keys):
-            kept.append(index)
+            kept.append(segment)
             tables.append(example.curve.table[segment.first : segment.last + 1])
     if not kept:
         return []
@@ -155,7 +161,7 @@ def _entries(library: Library, members: list[int]) -> list[_Entry]:
             kept[k],
             shapes[k],
             float(seconds[k]),
-            float(amplitude[k]) / library.examples[library.segments[kept[k]].example].range,
+            float(amplitude[k]) / library.examples[kept[k].example].range,
         )
         for k in np.flatnonzero(sound)
     ]
@@ -199,34 +205,44 @@ def _least_handles(left: Array, right: Array) -> None:
 def _cluster(entries: list[_Entry], most: int) -> tuple[Template, ...]:
     """Leader clustering, in order of appearance: deterministic and without a second pass."""
     groups: list[list[_Entry]] = []
-    leaders: dict[int, list[int]] = {}
-    shapes: dict[int, Array] = {}
     by_keys: dict[int, list[_Entry]] = {}
     for entry in entries:
         by_keys.setdefault(len(entry[1]), []).append(entry)
-    for size, members in by_keys.items():
+    for members in by_keys.values():
         # Key times count as much as values: alike shapes with other keys are other templates.
         values = sample([m[1] for m in members], _POINTS)
-        described = np.concatenate([values, np.stack([2 * m[1][:, 0] for m in members])], axis=1)
-        shapes[size] = np.empty((0, described.shape[1]))
-        leaders[size] = []
-        for member, row in zip(members, described, strict=True):
-            apart = np.abs(shapes[size] - row).max(axis=1, initial=0.0)
-            if len(apart) and apart.min() <= _ALIKE:
-                groups[leaders[size][int(np.argmin(apart))]].append(member)
-                continue
-            leaders[size].append(len(groups))
-            shapes[size] = np.concatenate([shapes[size], row[None]])
-            groups.append([member])
+        described = np.concatenate([values, 2 * np.stack([m[1][:, 0] for m in members])], axis=1)
+        leader = _leaders(described)
+        own: dict[int, list[_Entry]] = {}
+        for member, number in zip(members, leader.tolist(), strict=True):
+            own.setdefault(number, []).append(member)
+        groups += own.values()
     order = sorted(range(len(groups)), key=lambda g: (-len(groups[g]), g))[:most]
     return tuple(_template(groups[g]) for g in order)
 
 
+def _leaders(rows: Array) -> NDArray[np.intp]:
+    """Per row the number of its group: the nearest earlier leader within reach, or its own."""
+    cells = np.round(rows / (0.5 * _ALIKE)).astype(np.int32)
+    _, first, member = np.unique(cells, axis=0, return_index=True, return_inverse=True)
+    leaders = np.empty((0, rows.shape[1]))
+    group = np.zeros(len(first), dtype=np.intp)
+    for cell in np.argsort(first, kind="stable"):
+        apart = np.abs(leaders - rows[first[cell]]).max(axis=1) if len(leaders) else np.ones(0)
+        if len(apart) and apart.min() <= _ALIKE:
+            group[cell] = int(np.argmin(apart))
+        else:
+            group[cell] = len(leaders)
+            leaders = np.concatenate([leaders, rows[first[cell], None]])
+    found: NDArray[np.intp] = group[member.ravel()]
+    return found
+
+
 def _template(members: list[_Entry]) -> Template:
-    members = sorted(members, key=lambda m: (m[2], m[0]))
+    members = sorted(members, key=lambda m: (m[2], m[0].example, m[0].first))
     return Template(
         members[0][1],
-        np.array([m[0] for m in members], dtype=np.intp),
+        np.array([(m[0].example, m[0].first, m[0].last) for m in members], dtype=np.intp),
         np.array([m[2] for m in members]),
         np.array([m[3] for m in members]),
     )

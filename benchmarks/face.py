@@ -1,0 +1,163 @@
+"""Facial matching: time per matcher, and the distance and Viterbi kernels beside naive twins.
+
+Run: OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python -m benchmarks.face
+stumpy's row appears where it is installed.
+"""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from benchmarks.row import Row, best_of, markdown
+from physretarget.face.curve import Curve
+from physretarget.face.distance import distance_profile
+from physretarget.face.hmm import viterbi
+from physretarget.face.library import Library
+from physretarget.face.match import Banks, MatchSettings, match
+from physretarget.face.rig import Rig, RigChannel
+from physretarget.face.screen import METHODS
+from physretarget.face.shot import Shot, Take
+
+FPS = 30.0
+CHANNELS = tuple(f"c{i:02d}" for i in range(54))
+GROUPS = ("brows", "lids", "gaze", "head")
+RIG = Rig(
+    "bench",
+    tuple(RigChannel(c, GROUPS[i % 4], -2.0, 2.0, {c: 1.0}) for i, c in enumerate(CHANNELS)),
+)
+
+
+def animation(seconds: float, rng: np.random.Generator, name: str) -> Shot:
+    """Eased random poses, a key every 0.2 to 0.8 s, on every channel."""
+    curves = {}
+    for channel in CHANNELS:
+        time_of = np.cumsum(rng.uniform(0.2, 0.8, int(seconds / 0.5)))
+        values = rng.uniform(-1, 1, len(time_of)) * (rng.uniform(size=len(time_of)) < 0.7)
+        curves[channel] = Curve.through(time_of, values, "auto" if rng.uniform() < 0.5 else "flat")
+    return Shot(name, curves, FPS)
+
+
+def capture(seconds: float, rng: np.random.Generator) -> Take:
+    shot = animation(seconds + 2, rng, "take")
+    times = np.arange(int(seconds * FPS)) / FPS
+    columns = [
+        c.evaluate(times + 1) + rng.normal(0, 0.02, len(times)) for c in shot.curves.values()
+    ]
+    return Take("take", times, CHANNELS, np.stack(columns, axis=1))
+
+
+def naive_profile(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    n = len(q)
+    centred = q - q[0]
+    return np.array([np.sum((centred - (p[r : r + n] - p[r])) ** 2) for r in range(len(p) - n + 1)])
+
+
+def naive_viterbi(cost: np.ndarray, beta: float) -> float:
+    n, m = cost.shape
+    pace = (m - 1) / (n - 1)
+    best = np.full(m, np.inf)
+    best[0] = cost[0, 0]
+    for i in range(1, n):
+        fresh = np.full(m, np.inf)
+        for k in range(m):
+            for j in range(k + 1):
+                fresh[k] = min(fresh[k], best[j] + beta * abs(k - j - pace))
+        best = fresh + cost[i]
+    return float(best.min())
+
+
+def _matchers() -> list[Row]:
+    rng = np.random.default_rng(0)
+    library = Library.of([animation(60, rng, "one minute")])
+    take = capture(4, rng)
+    rows = []
+    for method in METHODS:
+        banks: Banks = {}
+        settings = MatchSettings(method=method)
+        began = time.process_time()
+        match(take, library, RIG, settings, banks=banks)
+        cold = time.process_time() - began
+        spent = best_of(3, lambda s=settings, b=banks: match(take, library, RIG, s, banks=b))
+        note = f"first call, templates included, {cold:.2f} s"
+        rows.append(
+            Row(
+                name=f"{method}: 54 channels x 4 s, 60 s library",
+                value=spent,
+                unit="s",
+                aim=0.5,
+                note=note,
+            )
+        )
+    return rows
+
+
+def _long() -> Row:
+    rng = np.random.default_rng(1)
+    library = Library.of([animation(60, rng, f"minute {k}") for k in range(60)])
+    take = capture(120, rng)
+    began = time.process_time()
+    match(take, library, RIG)
+    spent = time.process_time() - began
+    return Row(
+        name="distance: 54 channels x 120 s, 60 min library",
+        value=spent,
+        unit="s",
+        aim=60,
+        note="templates included",
+    )
+
+
+def _kernels() -> list[Row]:
+    rng = np.random.default_rng(2)
+    p, q = rng.normal(size=7200).cumsum(), rng.normal(size=120).cumsum()
+    ours = best_of(5, lambda: distance_profile(p, q))
+    naive = best_of(2, lambda: naive_profile(p, q))
+    rows = [
+        Row(
+            name="distances of a 120-frame segment in 7200 frames",
+            value=1e3 * ours,
+            unit="ms",
+            rival="naive windows",
+            rival_value=1e3 * naive,
+        )
+    ]
+    try:
+        import stumpy
+    except ImportError:
+        pass
+    else:
+        stumpy.mass(q, p, normalize=False)
+        theirs = best_of(5, lambda: stumpy.mass(q, p, normalize=False))
+        rows.append(
+            Row(
+                name="the same",
+                value=1e3 * ours,
+                unit="ms",
+                rival="stumpy.mass (not centred)",
+                rival_value=1e3 * theirs,
+            )
+        )
+    cost = rng.uniform(size=(40, 120))
+    fast = best_of(5, lambda: viterbi(cost[None], 0.1))
+    slow = best_of(1, lambda: naive_viterbi(cost, 0.1))
+    rows.append(
+        Row(
+            name="Viterbi, 40 points on 120 frames",
+            value=1e3 * fast,
+            unit="ms",
+            rival="naive Python",
+            rival_value=1e3 * slow,
+        )
+    )
+    return rows
+
+
+def run() -> list[Row]:
+    """Every row."""
+    return [*_matchers(), _long(), *_kernels()]
+
+
+if __name__ == "__main__":
+    print(markdown(run()))
