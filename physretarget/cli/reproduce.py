@@ -1,0 +1,39 @@
+"""reproduce: a paper's figures and tables, from real data."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from physretarget.cli import app
+from physretarget.cli.common import command, complete, one_of, progress
+
+Step = Callable[[str], None]
+
+
+def _ruhland2017(data: Path, out: Path, step: Step) -> tuple[Path, ...]:
+    from physretarget.face.reproduce import reproduce
+    from physretarget.face.reproduce_page import write_all
+
+    return write_all(reproduce(data, progress=step), out)
+
+
+PAPERS: dict[str, Callable[[Path, Path, Step], tuple[Path, ...]]] = {"ruhland2017": _ruhland2017}
+"""Paper → function of data folder, output folder and progress that returns the files written."""
+
+
+@command(app, "reproduce", example="physretarget reproduce ruhland2017 --data data --out figures")
+def reproduce_command(
+    paper: Annotated[str, typer.Argument(help="Which paper.", **complete(tuple(PAPERS)))],
+    data: Annotated[Path, typer.Option("--data", help="Folder of real captures (and keys).")],
+    out: Annotated[Path, typer.Option("--out", help="Folder for figures and tables.")],
+) -> None:
+    """A paper's figures and tables, from real data; every number from this run."""
+    one_of(paper, tuple(PAPERS), "PAPER")
+    with progress(f"reproduce {paper}") as step:
+        written = PAPERS[paper](data, out, step)
+    for path in written:
+        typer.echo(str(path))

@@ -1,0 +1,44 @@
+"""Why a rule still fires on a clip after the last stage, in a sentence a viewer understands."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+_WHY = {
+    "CON001": "the contact adjustment keeps planted points on the floor, the limbs between them "
+    "are not held up by it",
+    "CON002": "the body turns or travels about a support that the capture does not name as "
+    "planted: a heel-to-toe roll, or a step shorter than the detection resolves",
+    "CON003": "the actor stands on a part that the character has not, or a hop was shortened",
+    "CON004": "the actor's foot shuffles: contacts begin and end in quick succession",
+    "DYN001": "the horizontal force comes from the actor's momentum and from steps or hops "
+    "between supports; the last stage moves the root up and down only and cannot mend it",
+    "DYN002": "a moment about the centre of mass is left: the pose swings a heavy head or trunk "
+    "beyond the small feet; the last stage changes the height of the root, not the moment",
+    "DYN003": "the pose drops faster than gravity for an instant, more than the smooth "
+    "displacement of the root can take back",
+    "DYN004": "travelling at the actor's speed asks for more friction than the feet have",
+    "DYN005": "the weight leaves the small support while a limb or the head swings out; the "
+    "actor's own support is wider for its height",
+    "DYN006": "in flight the mapped limbs still change the path of the centre of mass",
+    "DYN007": "limbs that swing in flight turn the body, for the mapping knows no conservation",
+    "DYN008": "the joint would need a stronger motor than the model declares",
+    "DYN009": "landing on short legs stops the body within a few frames",
+    "KIN001": "the mapped features ask for more than the joint allows",
+    "KIN002": "the mapping hurries between two key poses that are far apart",
+    "KIN003": "the mapping hurries between key poses, or a contact begins within a frame",
+    "KIN004": "a hop between two supports takes only a few frames",
+    "KIN005": "limbs pass through the body: the mapping knows no geometry, as in the paper",
+    "DAT002": "the capture is recorded at 30 frames per second",
+}
+
+
+def explain(codes: Mapping[str, Any]) -> str:
+    """One reason per code that fired, gravest first; empty where nothing did."""
+    order = sorted(codes, key=lambda c: (codes[c]["severity"] != "error", -codes[c]["count"]))
+    sentences = []
+    for code in order:
+        why = _WHY.get(code, "see `physretarget rules " + code + "`")
+        sentences.append(f"{code}: {why}.")
+    return " ".join(sentences)

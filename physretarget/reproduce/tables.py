@@ -1,0 +1,258 @@
+"""The report's tables, from the pieces of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from physretarget.report.words import number
+from physretarget.reproduce.explain import explain
+from physretarget.reproduce.plan import (
+    PAPER_COMPUTING_SECONDS,
+    PAPER_SECONDS,
+    PAPER_TABLE_1,
+    STYLES,
+)
+from physretarget.reproduce.results import Results
+from physretarget.reproduce.store import Piece
+from physretarget.reproduce.takes import PENETRATION_LIMIT, SKATE_LIMIT
+
+Row = dict[str, Any]
+
+
+def sequences(results: Results) -> dict[tuple[str, str], list[Piece]]:
+    """The takes of each sequence (character, style), in the plan's order."""
+    found: dict[tuple[str, str], list[Piece]] = {}
+    for piece in results.takes.values():
+        found.setdefault((piece.facts["character"], piece.facts["style"]), []).append(piece)
+    return found
+
+
+def table_1(results: Results) -> Row:
+    """Seconds and key poses per style and character, the paper's beside them."""
+    found = sequences(results)
+    characters = results.plan.characters
+    rows: list[Row] = []
+    for style in (*STYLES, "dance"):
+        cells = [
+            _duration_and_poses(found[character, style])
+            for character in characters
+            if (character, style) in found
+        ]
+        if cells:
+            rows.append({"style": style, "cells": cells})
+    acted: list[list[Row]] = [row["cells"] for row in rows if row["style"] != "dance"]
+    totals = [
+        {"seconds": sum(r[k]["seconds"] for r in acted), "poses": sum(r[k]["poses"] for r in acted)}
+        for k in range(len(characters))
+    ]
+    paper = [
+        {"style": emotion, "cells": [cells[c] for c in characters]}
+        for emotion, cells in PAPER_TABLE_1.items()
+    ]
+    paper_totals = [
+        (
+            sum(cells[c][0] for cells in PAPER_TABLE_1.values()),
+            sum(cells[c][1] for cells in PAPER_TABLE_1.values()),
+        )
+        for c in characters
+    ]
+    learned = [
+        next(p for p in results.takes.values() if p.facts["character"] == c).facts["all_key_poses"]
+        for c in characters
+    ]
+    return {
+        "characters": characters,
+        "rows": rows,
+        "totals": totals,
+        "paper": paper,
+        "paper_totals": paper_totals,
+        "learned": learned,
+    }
+
+
+def _duration_and_poses(pieces: Sequence[Piece]) -> Row:
+    return {
+        "seconds": sum(p.facts["duration"] for p in pieces),
+        "poses": sum(p.facts["key_poses"] for p in pieces),
+        "takes": len(pieces),
+    }
+
+
+def physics(results: Results) -> list[Row]:
+    """A row per sequence, its takes below it."""
+    rows = []
+    for (character, style), pieces in sequences(results).items():
+        rows.append(
+            {
+                "character": character,
+                "style": style,
+                "takes": [_take_row(p) for p in pieces],
+                **_physics_of(pieces),
+            }
+        )
+    return rows
+
+
+def _physics_of(pieces: Sequence[Piece]) -> Row:
+    facts = [p.facts for p in pieces]
+    frames = [f["frames"] for f in facts]
+
+    def rms(name: str) -> float | None:
+        known = [(f[name], n) for f, n in zip(facts, frames, strict=True) if f[name] is not None]
+        if not known:
+            return None
+        values, weights = np.array(known, dtype=np.float64).T
+        return float(np.sqrt(np.average(values**2, weights=weights)))
+
+    before, after = rms("mismatch_before"), rms("mismatch_after")
+    assert before is not None
+    assert after is not None
+    return {
+        "seconds": sum(f["duration"] for f in facts),
+        "before": before,
+        "after": after,
+        "fall": 1 - after / before,
+        "bound": rms("bound"),
+        "displacement": max(f["displacement"] / f["height"] for f in facts),
+        "ballistic_before": rms("ballistic_before"),
+        "ballistic_after": rms("ballistic_after"),
+        "sink": max(f["sink"] for f in facts),
+        "skate": max(f["skate"] for f in facts),
+        "momentum": max(f["momentum_error"] for f in facts),
+        "errors": sum(f["errors"] for f in facts),
+        "warnings": sum(f["warnings"] for f in facts),
+        "sinks": any(f["sink"] > PENETRATION_LIMIT for f in facts),
+        "skates": any(f["skate"] > SKATE_LIMIT for f in facts),
+    }
+
+
+def _take_row(piece: Piece) -> Row:
+    facts = piece.facts
+    codes = sorted(
+        facts["codes"].items(), key=lambda each: (each[1]["severity"] != "error", -each[1]["count"])
+    )
+    return {
+        "action": facts["action"],
+        "page": f"takes/{facts['take']}/report.html",
+        "codes": [{"code": code, **about} for code, about in codes],
+        "why": explain(facts["codes"]),
+        "notes": facts["notes"],
+        **_physics_of([piece]),
+    }
+
+
+def mappers(results: Results) -> list[Row]:
+    """Per character: a row per mapper, and what is to be said of the shared GPLVM."""
+    tables = []
+    for name, piece in results.studies["mappers"].items():
+        height, rows = piece.facts["height"], piece.facts["rows"]
+        best = {
+            key: min(row[key] for row in rows)
+            for key in ("seen", "pose", "take", "sequence", "jerk", "fastest")
+        }
+        tables.append(
+            {
+                "character": name,
+                "height": height,
+                "rows": rows,
+                "best": best,
+                "groups": piece.facts["groups"],
+                "poses": piece.facts["poses"],
+                "verdict": verdict(rows, height),
+            }
+        )
+    return tables
+
+
+WAYS = {"pose": "one key pose", "take": "one capture", "sequence": "one sequence"}
+
+
+def verdict(rows: Sequence[Row], height: float) -> list[str]:
+    """Is the shared GPLVM at least as good as each baseline, and if not, where and why."""
+    own = next(row for row in rows if row["mapper"] == "sgplvm")
+    others = [row for row in rows if row["mapper"] != "sgplvm"]
+    said = []
+    for key, way in WAYS.items():
+        better = [row for row in others if row[key] < own[key]]
+        if not better:
+            nearest = min(others, key=lambda row: row[key])
+            said.append(
+                f"Leaving out {way}: the shared GPLVM is ahead of every baseline, "
+                f"{_percent(own[key], height)} of the height against "
+                f"{_percent(nearest[key], height)} ({nearest['mapper']})."
+            )
+            continue
+        for row in better:
+            lost = [
+                s
+                for s, value in row[f"{key}_by_sequence"].items()
+                if value < own[f"{key}_by_sequence"][s]
+            ]
+            said.append(
+                f"Leaving out {way}: {row['mapper']} is better, "
+                f"{_percent(row[key], height)} of the height against "
+                f"{_percent(own[key], height)}. It wins on {', '.join(lost)}: there the poses "
+                "left out lie outside what the others show, and the latent search goes on "
+                "along a direction that no key pose supports, while "
+                + _why_better(str(row["mapper"]))
+            )
+    return said
+
+
+def _why_better(mapper: str) -> str:
+    if mapper.startswith("nn"):
+        return "a weighted mean of posed poses never leaves them."
+    if mapper == "gp":
+        return "regression falls back to the mean pose."
+    return "a linear map goes on along the main directions."
+
+
+def _percent(metres: float, height: float) -> str:
+    return f"{number(100 * metres / height)} %"
+
+
+def losses(results: Results) -> list[str]:
+    """Sequences in which a baseline beats the shared GPLVM although it loses on the whole."""
+    found = []
+    for name, piece in results.studies["mappers"].items():
+        rows = piece.facts["rows"]
+        own = next(row for row in rows if row["mapper"] == "sgplvm")["sequence_by_sequence"]
+        beaten = []
+        for sequence, value in own.items():
+            best = min(
+                (row for row in rows if row["mapper"] != "sgplvm"),
+                key=lambda row: row["sequence_by_sequence"][sequence],
+            )
+            if best["sequence_by_sequence"][sequence] < value:
+                ratio = value / best["sequence_by_sequence"][sequence]
+                beaten.append(f"{sequence} ({best['mapper']}, by {100 * (ratio - 1):.0f} %)")
+        if beaten:
+            found.append(f"{name}: {', '.join(beaten)}")
+    return found
+
+
+def cost(results: Results) -> Row:
+    """Seconds of computing against the paper's."""
+    facts = [piece.facts for piece in results.takes.values()]
+    stages: dict[str, float] = {}
+    for fact in facts:
+        for stage, seconds in fact["seconds"].items():
+            stages[stage] = stages.get(stage, 0.0) + seconds
+    animated = sum(fact["duration"] for fact in facts)
+    computing = sum(fact["computing"] for fact in facts)
+    studies = sum(p.facts["seconds"] for found in results.studies.values() for p in found.values())
+    return {
+        "stages": stages,
+        "animated": animated,
+        "computing": computing,
+        "per_second": computing / animated,
+        "paper_per_second": PAPER_COMPUTING_SECONDS / PAPER_SECONDS,
+        "faster": PAPER_COMPUTING_SECONDS / PAPER_SECONDS / (computing / animated),
+        "studies": studies,
+        "wall": results.seconds,
+        "pieces": results.pieces,
+        "resumed": results.resumed,
+    }
