@@ -45,6 +45,7 @@ from physretarget.cli import (  # noqa: E402, F401
     face,
     keyposes,
     replay,
+    reproduce,
     retarget,
     suggest,
     validate,
