@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from physretarget import kinematics
 from physretarget.contact.carry import carried, followed, off_track, swivels
 from physretarget.contact.clearance import above_floor
-from physretarget.contact.flight import grounded, thrown
+from physretarget.contact.flight import grounded, throw_arc, thrown
 from physretarget.contact.foot import Foot
 from physretarget.contact.phases import Phases, runs
 from physretarget.contact.settings import ContactSettings
@@ -161,7 +161,11 @@ def _feet(
         floor = character.floor_height
         track = stand(sole, motion, footings, active, time, floor, settings)
         found.append((sole, motion, active, footings, track))
-    borne = grounded(character, phases, [track for *_, track in found])
+    tracks = [track for *_, track in found]
+    if not tracks:
+        return [], notes
+    borne = grounded(character, phases, tracks)
+    arc = throw_arc(borne, tracks, time, character.height, settings)
     return [
         Foot(
             sole,
@@ -174,6 +178,7 @@ def _feet(
                 track,
                 footings,
                 borne,
+                arc,
                 time,
                 character.floor_height,
                 character.height,

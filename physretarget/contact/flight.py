@@ -27,6 +27,28 @@ def grounded(character: Character, phases: Phases, tracks: list[Track]) -> Bools
     return borne
 
 
+def throw_arc(
+    borne: Bools, tracks: list[Track], time: Floats, height: float, settings: ContactSettings
+) -> Floats:
+    """(T,) how far above the floor a throw from stance to stance has every foot, m.
+
+    One arc for all feet: the last to leave and the first to land bound it. Flights from or onto
+    hands, and those too long for a jump, have none.
+    """
+    arc = np.zeros(len(time))
+    standing = np.logical_or.reduce([track.standing for track in tracks])
+    for first, last in runs(~borne):
+        before, after = first - 1, last + 1
+        if before < 0 or after >= len(time) or not (standing[before] and standing[after]):
+            continue
+        duration = float(time[after] - time[before])
+        if duration <= settings.longest_flight:
+            share = (time[first:after] - time[before]) / duration
+            rise = min(settings.gravity * duration**2 / 8.0, settings.hop_height * height)
+            arc[first:after] = 4.0 * rise * share * (1.0 - share)
+    return arc
+
+
 def thrown(
     character: Character, qpos: Floats, time: Floats, borne: Bools, settings: ContactSettings
 ) -> Floats:

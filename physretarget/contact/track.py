@@ -165,6 +165,7 @@ def fly(
     track: Track,
     footings: Sequence[Footing],
     grounded: Bools,
+    arc: Floats,
     time: Floats,
     floor: float,
     height: float,
@@ -173,8 +174,9 @@ def fly(
     """Blend the corrections of the stances before and after over each flight, eq. (9).
 
     Before the first stance and after the last one its own correction holds. ``grounded`` (T,)
-    tells whether anything else bears: a flight during which nothing does is a hop of the whole
-    character and rises like a thrown stone; otherwise it is the swing of a foot.
+    tells whether anything bears the character: a flight during which nothing does is a hop of
+    the whole and rises like a thrown stone, by ``arc`` (T,) m; otherwise a foot swings, and is
+    thrown with the rest while nothing bears.
     """
     if not footings:
         return track
@@ -202,9 +204,9 @@ def fly(
         arm = np.einsum("tij,nj->tni", rotation[inner], sole.local - sole.centre)
         low = (centre[inner, None] + arm)[..., 2].min(axis=1) - floor
         if before and after:
-            limit = settings.hop_height if thrown else settings.swing_height
-            rise = min(settings.gravity * (t1 - t0) ** 2 / 8.0, limit * height)
-            centre[inner, 2] += _raised(low, 4.0 * rise * share * (1.0 - share)) - low
+            rise = min(settings.gravity * (t1 - t0) ** 2 / 8.0, settings.swing_height * height)
+            swing = 4.0 * rise * share * (1.0 - share)
+            centre[inner, 2] += _raised(low, np.maximum(arc[inner], swing)) - low
         else:
             # Smoothly no lower than the floor, exactly untouched next to the stance.
             ramp = np.minimum(np.abs(time[inner] - (t0 if before else t1)) / 0.2, 1.0)

@@ -292,3 +292,18 @@ def test_nothing_pushes_a_flying_body_sideways(box):
         centre.append(data.subtree_com[box.root_body, :2].copy())
     acceleration = np.diff(np.array(centre), 2, axis=0)[40:58] * FPS**2
     assert np.abs(acceleration).max() < 1e-6
+
+
+def test_feet_that_land_one_after_the_other_are_thrown_together(legs):
+    time, qpos = placed(legs, 120, speed=0.2)
+    active = np.ones((120, 4), dtype=bool)
+    active[48:72, :2] = False
+    active[46:75, 2:] = False  # the right foot leaves first and lands last
+    result = adjust(legs, qpos, time, Phases(NAMES, active, time))
+    assert_planted(legs, result)
+    points = contact_points(legs, result.qpos)
+    left = points[:, [column(legs, n) for n in NAMES[:2]], 2].mean(axis=1)
+    right = points[:, [column(legs, n) for n in NAMES[2:]], 2].mean(axis=1)
+    assert left[50:70].max() > 0.1
+    assert np.abs(left - right)[50:70].max() < 0.02
+    assert np.abs(np.diff(result.qpos[:, 7:], axis=0)).max() * FPS < 8.0
