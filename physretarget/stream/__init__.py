@@ -1,0 +1,167 @@
+"""Frame in, pose out: the stages up to contact in real time, as Yamane 2010 section 7 wished.
+
+    actor pose ─ features ─▶ latent point ─ ik ─▶ pose ─ centre of mass ─▶ place ─ contact ─▶ pose
+
+Each stage is the batch path's with what only the past can tell; see docs/stream.md for how far
+the two agree.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physretarget import momentum
+from physretarget.capture.actor import CONTACT_POINTS, NQ, ActorShape
+from physretarget.errors import InputError
+from physretarget.kinematics import quat_multiply
+from physretarget.mapping.track import track
+from physretarget.mjcf import Points
+from physretarget.stream.body import Body, Solver
+from physretarget.stream.place import Heading, Placer
+from physretarget.stream.plant import Planter, PlantSettings
+from physretarget.stream.touch import Touch, Toucher
+from physretarget.trained import TrainedMapper
+
+__all__ = ["PlantSettings", "Posed", "Streamer"]
+
+Array = NDArray[np.float64]
+
+CONTACT_WEIGHT = 1e3
+"""Of each contact point against 1 for each virtual marker."""
+
+
+@dataclass(frozen=True, eq=False)
+class Posed:
+    """One frame of the stream.
+
+    ``qpos`` (nq,) the pose; ``mapped`` and ``placed`` (nq,) the same after those stages;
+    ``active`` (nc,) contact points of the character that are held; ``touch`` the actor's
+    contacts; ``variance`` m², the mapper's own doubt.
+    """
+
+    time: float
+    qpos: Array
+    mapped: Array
+    placed: Array
+    active: NDArray[np.bool_]
+    touch: Touch
+    variance: float
+
+
+class Streamer:
+    """Turns poses of the reference actor into poses of a character, one by one."""
+
+    def __init__(self, mapper: TrainedMapper, *, settings: PlantSettings | None = None) -> None:
+        character = mapper.character
+        self.mapper, self.character = mapper, character
+        self.tracker = track(mapper.mapper)
+        self.actor = Body(mapper.actor)
+        self.body = Body(character)
+        self.pose = Solver(character, character.markers, steps=3)
+        self.pose.lock(np.arange(character.root_dof, character.root_dof + 2))
+        both = _joined(character.markers, character.contacts)
+        self.plant = Solver(character, both, steps=2)
+        self.weight = np.ones(len(both))
+        self.actor_heading = Heading(mapper.actor.front, mapper.actor.up)
+        one = np.ones((1, 3, 3))
+        self.placer = Placer(momentum.scales(character, one, mapper.actor, one).size)
+        self.toucher = Toucher(ActorShape.reference().leg_length)
+        self.planter = Planter(character, settings)
+        self.order = [mapper.actor.tied.index(name) for name in CONTACT_POINTS]
+        self.before: Array | None = None
+        self.last = -math.inf
+        self.frames = 0
+
+    def next(self, time: float, actor_qpos: Array) -> Posed:
+        """Map one frame.
+
+        Args:
+            time: s, later than that of the frame before.
+            actor_qpos: (75,) of the reference actor, see :mod:`physretarget.capture.actor`.
+
+        Raises:
+            InputError: the pose has another length or is not finite, or time stands still.
+        """
+        step = self._checked(time, actor_qpos)
+        y, com, points, yaw = self._seen(actor_qpos)
+        mapped = self.tracker.next(y)
+        target = mapped.mean[0].reshape(-1, 3)
+        start = self.before if self.before is not None else self.mapper.nearest_pose(y[None])[0]
+        local = self._facing_forward(self.pose.solve(start, target))
+        self.before = local
+        placed = self._moved(local, yaw, self.placer.next(yaw, com, self.body.com(local)))
+        touch = self.toucher.next(points, step)
+        qpos = self._planted(placed, touch, step)
+        self.last = time
+        self.frames += 1
+        active = self.planter.held
+        return Posed(time, qpos, local, placed, active, touch, float(mapped.variance[0]))
+
+    def _checked(self, time: float, actor_qpos: Array) -> float:
+        if np.shape(actor_qpos) != (NQ,) or not np.isfinite(actor_qpos).all():
+            raise InputError(f"an actor's pose is {NQ} finite numbers.", frame=self.frames)
+        if not math.isfinite(time) or time <= self.last:
+            raise InputError(f"time is {time:g} s after {self.last:g} s.", frame=self.frames)
+        return time - self.last if math.isfinite(self.last) else 0.0
+
+    def _seen(self, actor_qpos: Array) -> tuple[Array, Array, Array, float]:
+        """Features (DY,), centre of mass, contact points (10, 3) and heading of the actor."""
+        com = self.actor.com(actor_qpos)
+        place, rotation = self.actor.frame()
+        yaw = self.actor_heading.next(rotation)
+        seen = self.actor.points(self.mapper.actor.markers)
+        local = seen - (place[0], place[1], 0.0)
+        local[:, :2] = local[:, :2] @ _rotation(yaw)
+        points = self.actor.points(self.mapper.actor.contacts)
+        return local.ravel(), com, points[self.order], yaw
+
+    def _facing_forward(self, qpos: Array) -> Array:
+        self.body.pose(qpos)
+        heading = Heading(self.character.front, self.character.up)
+        return self._moved(qpos, -heading.next(self.body.frame()[1]), np.zeros(2))
+
+    def _moved(self, qpos: Array, yaw: float, place: Array) -> Array:
+        at = self.character.root_qpos
+        moved = np.array(qpos)
+        turn = np.array([math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)])
+        moved[at + 3 : at + 7] = quat_multiply(turn, qpos[at + 3 : at + 7])
+        moved[at : at + 2] = place
+        return moved
+
+    def _planted(self, placed: Array, touch: Touch, step: float) -> Array:
+        character = self.character
+        if not len(character.contacts):
+            return placed
+        self.body.pose(placed)
+        markers = self.body.points(character.markers)
+        contacts = self.body.points(character.contacts)
+        correction, shift = self.planter.next(touch, contacts, step)
+        if not correction.any():
+            self.planter.reached = contacts
+            return placed
+        start = np.array(placed)
+        start[character.root_qpos : character.root_qpos + 3] += shift
+        self.weight[len(markers) :] = np.where(self.planter.idle, 1.0, CONTACT_WEIGHT)
+        self.plant.weigh(self.weight)
+        qpos = self.plant.solve(start, np.concatenate([markers + shift, contacts + correction]))
+        self.body.pose(qpos)
+        self.planter.reached = self.body.points(character.contacts)
+        return qpos
+
+
+def _joined(a: Points, b: Points) -> Points:
+    return Points(
+        (*a.names, *b.names),
+        np.concatenate([a.body, b.body]),
+        np.concatenate([a.local, b.local]),
+    )
+
+
+def _rotation(yaw: float) -> Array:
+    """Matrix (2, 2) that takes rows of world x, y to heading axes, by multiplication from right."""
+    cosine, sine = math.cos(yaw), math.sin(yaw)
+    return np.array([[cosine, -sine], [sine, cosine]])
