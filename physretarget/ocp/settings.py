@@ -65,7 +65,7 @@ class RootHeightSettings:
     moment: float = 0.0
     flight: float = 4.0
     displacement: float = 0.5
-    hold: float = 300.0
+    hold: float = 100.0
     roughness: float = 0.15
     pose: float = 0.005
     pose_floor: float = 0.05
