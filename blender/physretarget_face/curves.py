@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+
 from physretarget.face.curve import Curve, Key
 from physretarget.face.shot import Take
 

@@ -112,7 +112,8 @@ def test_bezier_evaluation_is_blenders():
     owner.keyframe_insert("location", index=0, frame=0)
     data = owner.animation_data
     bag = curves.channelbag(data.action, data.action_slot)
-    for trial in range(20):
+    fcurve = bag.fcurves.new("location", index=1)
+    for _ in range(20):
         times = np.cumsum(rng.uniform(0.2, 1.0, 6))
         keys = []
         for t, v in zip(times, rng.uniform(-1, 1, 6), strict=True):
@@ -121,7 +122,6 @@ def test_bezier_evaluation_is_blenders():
             into, out = (-reach[0], rng.normal(0, 0.3)), (reach[1], rng.normal(0, 0.3))
             keys.append(Key(t, v, into, out, "fixed", kind, True))
         curve = Curve(tuple(keys))
-        fcurve = bag.fcurves.new("location", index=1) if trial == 0 else fcurve
         fcurve.keyframe_points.clear()
         curves.write(fcurve, curve, 30.0, 5.0)
         inside = rng.uniform(times[0], times[-1], 100)
