@@ -19,6 +19,7 @@ from physretarget.clip import Clip
 from physretarget.kinematics import slerp
 from physretarget.mjcf import Character, lowpass
 from physretarget.validation.chunk import Chunk, Workspace, analyse_chunk
+from physretarget.validation.smear import dilated, pushed, reach_frames, straight
 from physretarget.validation.smoothness import WINDOW_S
 
 if TYPE_CHECKING:
@@ -33,6 +34,8 @@ _HALO = 6
 _FORGOTTEN_PERIODS = 10
 # Beyond this the time axis is not uniform (rounding of text files stays below).
 _UNIFORM = 1e-3
+# Below this share of body weight the direction of a support force means nothing.
+SUPPORT_BW = 0.1
 # 3 % of the CoM height, within 1 and 2 cm: soles of robots and captures lie that far off.
 _TOLERANCE_OF_HEIGHT, _TOLERANCE_M = 0.03, (0.01, 0.02)
 
@@ -120,29 +123,55 @@ def analyse(clip: Clip, character: Character, settings: Settings) -> Analysis:
     friction = settings.friction or character.friction
     work = Workspace.build(character, tolerance=tolerance, friction=friction)
     kept: list[dict[str, NDArray[np.generic]]] = []
-    halo = _HALO + math.ceil(WINDOW_S * fps / 2)
+    reach = reach_frames(fps, settings.lowpass_hz)
+    halo = _HALO + max(reach, math.ceil(WINDOW_S * fps / 2))
     for first in range(0, len(time), CHUNK):
         last = min(first + CHUNK, len(time))
         start, stop = max(0, first - halo), min(len(time), last + halo)
+        given = raw[start:stop]
+        smooth = given
+        if settings.lowpass_hz is not None and len(raw) > 1:
+            smooth = _filtered(character, raw, fps, settings.lowpass_hz, start, stop)
         chunk = Chunk(
-            qpos=_filtered(character, raw, fps, settings.lowpass_hz, start, stop),
-            raw=raw[start:stop], time=time[start:stop], keep=slice(first - start, last - start),
+            qpos=smooth, raw=given, time=time[start:stop],
+            keep=slice(first - start, last - start), reach=reach,
         )  # fmt: skip
         kept.append(analyse_chunk(work, chunk))
     names = list(kept[0])
     series = {name: np.concatenate([part.pop(name) for part in kept]) for name in names}
+    series |= _over_time(character, series, fps, settings.lowpass_hz)
     return Analysis(
         clip=clip, character=character, settings=settings, time=time, fps=fps,
         tolerance=tolerance, friction=friction, raw=raw, work=work, series=series, uneven=uneven,
     )  # fmt: skip
 
 
+def _over_time(
+    character: Character, series: dict[str, NDArray[np.generic]], fps: float, hz: float | None
+) -> dict[str, NDArray[np.generic]]:
+    """What takes a clip as a whole: pushes smeared by the filter, and friction beside them."""
+    if "required_force" not in series:
+        return {}
+    required = np.asarray(series["required_force"], dtype=np.float64)
+    path = np.asarray(series.pop("given_com"), dtype=np.float64)
+    gravity = float(np.linalg.norm(character.model.opt.gravity))
+    force = straight(required, path, fps, hz, gravity)
+    anywhere = np.ones(len(force), dtype=bool)
+    ringing = np.minimum(pushed(force[:, 2], anywhere, fps, hz), 0.0)
+    found: dict[str, NDArray[np.generic]] = {"straight_force": force, "ringing": ringing}
+    if "touching" in series:
+        near = dilated(np.asarray(series["touching"]) > 0, 1)
+        found["pushed"] = pushed(force[:, 2], near, fps, hz)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        demand = np.linalg.norm(required[:, :2], axis=1) / (required[:, 2] - ringing)
+    found["friction_demand"] = np.where(required[:, 2] > SUPPORT_BW, demand, np.nan)
+    return found
+
+
 def _filtered(
-    character: Character, raw: Floats, fps: float, hz: float | None, start: int, stop: int
+    character: Character, raw: Floats, fps: float, hz: float, start: int, stop: int
 ) -> Floats:
     """Frames start to stop of the filtered clip, as if it had been filtered as a whole."""
-    if hz is None or len(raw) < 2:
-        return raw[start:stop]
     # The filter forgets by exp(-2 pi hz t / sqrt(2)): 1e-19 after ten periods.
     reach = math.ceil(_FORGOTTEN_PERIODS * fps / hz)
     before, behind = max(0, start - reach), min(len(raw), stop + reach)

@@ -10,13 +10,18 @@ say where):
 * ``joint_speed`` rad/s or m/s; ``limit_excess`` rad or m beyond a joint's range (unfiltered)
 * ``jerk`` dimensionless, windowed; ``jitter`` the same without single shocks
 * ``lowest`` m above the floor of what may touch, ``deepest`` of all collision geometry;
-  ``touching`` number of touching points, ``touch`` (T, bodies) which bodies touch
+  ``touching`` number of touching points, ``touch`` (T, bodies) which bodies touch,
+  ``supported`` whether one does in this frame or within reach of its force
 * ``unexplained_force`` BW, ``unexplained_moment`` BW h: what no contact force explains;
   ``contact_force`` (T, 3) BW: what was found
-* ``friction_demand`` 1, ``cop_outside`` m, NaN where nothing is supported
+* ``cop_outside`` m, NaN where nothing is supported
 * ``arrow_origin``, ``arrow_force`` (T, 4, 3) m and BW: the largest contact forces, to be drawn
 * ``skate`` m/s, ``skate_free`` the part of it that friction does not brake
 * ``torque_ratio`` 1, share of a joint's limit; ``self_penetration`` m
+
+Of the whole clip (see :mod:`physretarget.validation.smear`): ``straight_force`` (T, 3) BW,
+``ringing`` and ``pushed`` (T,) BW, what pushes anywhere and pushes near contacts look like after
+the filter; ``friction_demand`` 1, NaN where nothing is supported.
 """
 
 from __future__ import annotations
@@ -30,36 +35,55 @@ from numpy.typing import NDArray
 from physretarget import kinematics
 from physretarget.mjcf import Character, derivatives, required_wrench
 from physretarget.validation.cones import fit_forces
-from physretarget.validation.contacts import (
-    Touch,
-    arrows,
-    body_motion,
-    cop_outside,
-    find_touch,
-    skate,
-    touch_rho,
-)
+from physretarget.validation.contacts import Touch, cop_outside, find_touch, lowest
 from physretarget.validation.geometry import Candidates, candidates, collision_geoms, of_geoms
 from physretarget.validation.selfcollision import SelfCollision
 from physretarget.validation.smoothness import windowed_jerk
 from physretarget.validation.steps import judge_steps
+from physretarget.validation.support import (
+    arrows,
+    find_support,
+    prices,
+    skate,
+    sliding,
+)
 from physretarget.validation.torque import TorqueLimits, contact_torque
 
 Floats = NDArray[np.float64]
 Series = dict[str, NDArray[np.generic]]
 
-# Below this share of body weight the direction of a support force means nothing.
-SUPPORT_BW = 0.1
-
 
 @dataclass(frozen=True, eq=False)
 class Chunk:
-    """Frames of a clip with neighbours on both sides: ``keep`` are the ones to answer for."""
+    """Frames of a clip with neighbours on both sides: ``keep`` are the ones to answer for.
+
+    ``raw`` are the poses before the filter (the same array without one); ``reach`` how many
+    frames a contact force is smeared.
+    """
 
     qpos: Floats
     raw: Floats
     time: Floats
     keep: slice
+    reach: int
+
+    @property
+    def wide(self) -> slice:
+        """The kept frames and those in reach of their forces."""
+        return slice(
+            max(0, self.keep.start - self.reach), min(len(self.time), self.keep.stop + self.reach)
+        )
+
+    @property
+    def inner(self) -> slice:
+        """The kept frames among the wide ones."""
+        first = self.keep.start - self.wide.start
+        return slice(first, first + self.keep.stop - self.keep.start)
+
+    @property
+    def step(self) -> float:
+        """Seconds from frame to frame."""
+        return float(self.time[1] - self.time[0]) if len(self.time) > 1 else 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,30 +134,44 @@ def analyse_chunk(work: Workspace, chunk: Chunk) -> Series:
     character = work.character
     qvel, qacc = derivatives(character, chunk.qpos, chunk.time)
     pose = kinematics.forward(character.tree, chunk.qpos)
+    raw = pose if chunk.raw is chunk.qpos else kinematics.forward(character.tree, chunk.raw)
     keep = chunk.keep
-    step = float(chunk.time[1] - chunk.time[0]) if len(chunk.time) > 1 else 1.0
-    series = judge_steps(character.tree, chunk.raw, 1 / step, keep)
+    series = judge_steps(character.tree, chunk.raw, 1 / chunk.step, keep)
     _joints(series, work, chunk, qvel)
     series |= windowed_jerk(pose.position[:, character.bodies], chunk.time, keep, character)
-    here = kinematics.Pose(pose.position[keep], pose.rotation[keep])
     series |= work.collision.judge(chunk.qpos[keep])
     touch = None
     if len(work.points):
-        touch = find_touch(work.points, here, character.floor_height, work.tolerance)
-        series |= touch.series()
-        series |= _penetration(work, here, touch)
+        wide = find_touch(
+            work.points, _part(pose, chunk.wide), character.floor_height, work.tolerance
+        )
+        touch = wide
+        series |= wide.series(chunk.inner)
+        series |= _penetration(work, chunk, (pose, raw), wide)
     if len(chunk.time) >= 4:
-        _forces(series, work, chunk, (qvel, qacc), (pose, here), touch, step)
+        _forces(series, work, chunk, (qvel, qacc), (pose, raw), touch)
     return series
 
 
-def _penetration(work: Workspace, here: kinematics.Pose, touch: Touch) -> Series:
-    if work.solid is work.points:
-        return {"deepest": touch.lowest, "deepest_body": touch.lowest_body}
-    if len(work.solid) == 0:
-        return {"deepest": touch.lowest, "deepest_body": touch.lowest_body}
-    solid = find_touch(work.solid, here, work.character.floor_height, work.tolerance)
-    return {"deepest": solid.lowest, "deepest_body": solid.lowest_body}
+def _part(pose: kinematics.Pose, frames: slice) -> kinematics.Pose:
+    return kinematics.Pose(pose.position[frames], pose.rotation[frames])
+
+
+def _penetration(
+    work: Workspace, chunk: Chunk, poses: tuple[kinematics.Pose, kinematics.Pose], touch: Touch
+) -> Series:
+    """Deepest point as filtered or as given, whichever is higher: a filter bends paths, and
+    noise lasts a frame."""
+    depth, body = touch.lowest[chunk.inner], touch.lowest_body[chunk.inner]
+    solid = work.solid if len(work.solid) else work.points
+    floor = work.character.floor_height
+    if solid is not work.points:
+        depth, body = lowest(solid, _part(poses[0], chunk.keep), floor)
+    if poses[1] is not poses[0]:
+        given, given_body = lowest(solid, _part(poses[1], chunk.keep), floor)
+        higher = given > depth
+        depth, body = np.where(higher, given, depth), np.where(higher, given_body, body)
+    return {"deepest": depth, "deepest_body": body}
 
 
 def _joints(series: Series, work: Workspace, chunk: Chunk, qvel: Floats) -> None:
@@ -158,44 +196,53 @@ def _forces(
     motion: tuple[Floats, Floats],
     poses: tuple[kinematics.Pose, kinematics.Pose],
     touch: Touch | None,
-    step: float,
 ) -> None:
     """Inverse dynamics of the kept frames, and the contact forces that explain it."""
-    character, keep = work.character, chunk.keep
+    character, wide, inner = work.character, chunk.wide, chunk.inner
     qvel, qacc = motion
-    wrench = required_wrench(character, chunk.qpos[keep], qvel[keep], qacc[keep])
+    wrench = required_wrench(character, chunk.qpos[wide], qvel[wide], qacc[wide])
     if not character.has_root:
-        _torques(series, work, wrench.joint_torque)
+        _torques(series, work, wrench.joint_torque[inner])
         return
     weight, height = character.weight, max(character.com_height, 1e-3)
-    force = wrench.force / weight
-    moment = (wrench.moment + np.cross(wrench.root - wrench.com, wrench.force)) / weight / height
+    force = wrench.force[inner] / weight
+    arm = (wrench.root - wrench.com)[inner]
+    moment = (wrench.moment[inner] / weight + np.cross(arm, force)) / height
     series["required_force"], series["required_moment"] = force, moment
     dofs = slice(character.root_dof, character.root_dof + 3)
-    series["root_acceleration"] = np.linalg.norm(qacc[keep, dofs], axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        demand = np.linalg.norm(force[:, :2], axis=1) / force[:, 2]
-    series["friction_demand"] = np.where(force[:, 2] > SUPPORT_BW, demand, np.nan)
+    series["given_com"] = _com(character, _part(poses[1], chunk.keep))
+    series["root_acceleration"] = np.linalg.norm(qacc[chunk.keep, dofs], axis=1)
     if touch is None:
         return
-    moving = body_motion(poses[0], touch.bodies, keep, step)
-    velocity = touch.velocity(poses[1], moving)
+    support = find_support(touch, wrench.com, inner, chunk.reach)
+    here = _part(poses[0], chunk.keep)
+    both = poses if poses[1] is not poses[0] else poses[:1]
+    velocity = sliding(support, here, both, chunk.keep, chunk.step, work.tolerance)
     speed = np.linalg.norm(velocity, axis=2)
-    arm = (touch.position - wrench.com[:, None]) / height
     fit = fit_forces(
-        arm, touch.mask, np.hstack([force, moment]), friction=work.friction,
-        rho=touch_rho(touch, speed, work.tolerance),
+        support.arm / height, support.mask, np.hstack([force, moment]), friction=work.friction,
+        rho=prices(support, speed, work.tolerance),
     )  # fmt: skip
     series["unexplained_force"] = np.linalg.norm(fit.residual[:, :3], axis=1)
     series["unexplained_moment"] = np.linalg.norm(fit.residual[:, 3:], axis=1)
     series["contact_force"] = fit.force.sum(axis=1)
-    series["cop_outside"] = cop_outside(
-        touch, force, moment * height, wrench.com, character.floor_height
-    )
-    series |= arrows(touch, fit.force)
-    series |= skate(touch, fit.force, velocity, work.friction)
-    held = contact_torque(character, poses[1], touch, fit.force * weight)
-    _torques(series, work, wrench.joint_torque - held)
+    series["cop_outside"] = cop_outside(support.arm, support.mask, force, moment * height)
+    series |= support.series()
+    series |= arrows(support, fit.force)
+    series |= skate(support, fit.force, velocity, work.friction)
+    held = contact_torque(character, here, support, fit.force * weight, wrench.com[inner])
+    _torques(series, work, wrench.joint_torque[inner] - held)
+
+
+def _com(character: Character, pose: kinematics.Pose) -> Floats:
+    """(T, 3) centre of mass."""
+    bodies = list(character.bodies)
+    mass = character.model.body_mass[bodies]
+    offset = mass[:, None] * character.model.body_ipos[bodies]
+    moments = mass @ pose.position[:, bodies]
+    moments += np.einsum("tbij,bj->ti", pose.rotation[:, bodies], offset)
+    com: Floats = moments / mass.sum()
+    return com
 
 
 def _torques(series: Series, work: Workspace, torque: Floats) -> None:

@@ -1,4 +1,4 @@
-"""Which points touch the floor, how they move, and what their forces are worth."""
+"""Which points touch the floor, and how far a centre of pressure lies outside them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget.kinematics import Pose
-from physretarget.validation.cones import RHO
 from physretarget.validation.geometry import Candidates, lowest_heights, lowest_points
 
 Floats = NDArray[np.float64]
@@ -21,15 +20,6 @@ Series = dict[str, NDArray[np.generic]]
 _DIRECTIONS = 8
 _ANGLES = (np.arange(_DIRECTIONS) + 0.25) * 2 * np.pi / _DIRECTIONS
 _COMPASS = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)])
-# A body bears load above this share of body weight and of what is borne in all.
-LOADED_BW, LOADED_SHARE = 0.1, 0.25
-# Sliding is braked when friction takes this share of the power that the cone allows.
-BRAKED = 0.7
-_ARROWS = 4
-# The fit prefers resting points. The price of force grows with the square of the speed beyond
-# the slowest touching point's: 1e-3 at 0.1 m/s, 0.1 at 1 m/s, where 1 would halve the force.
-_PRICE_PER_SPEED2 = 0.1
-_DEAREST = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,24 +39,14 @@ class Touch:
     on: Bools
     floor: float
 
-    def series(self) -> Series:
-        """The per-frame results that are kept."""
+    def series(self, frames: slice) -> Series:
+        """The results that are kept, of some frames."""
         return {
-            "lowest": self.lowest,
-            "lowest_body": self.lowest_body,
-            "touching": self.mask.sum(axis=1),
-            "touch": self.on,
+            "lowest": self.lowest[frames],
+            "lowest_body": self.lowest_body[frames],
+            "touching": self.mask[frames].sum(axis=1),
+            "touch": self.on[frames],
         }
-
-    def velocity(self, pose: Pose, moving: tuple[Floats, Floats]) -> Floats:
-        """(T, n, 2) tangential velocity of the touching material points, m/s."""
-        linear, angular = moving
-        column = np.searchsorted(self.bodies, self.body)
-        column = np.minimum(column, max(len(self.bodies) - 1, 0))
-        rows = np.arange(len(self.body))[:, None]
-        arm = self.position - pose.position[rows, self.body]
-        velocity = linear[rows, column] + np.cross(angular[rows, column], arm)
-        return np.where(self.mask[..., None], velocity[..., :2], 0.0)
 
 
 def find_touch(points: Candidates, pose: Pose, floor: float, tolerance: float) -> Touch:
@@ -95,6 +75,22 @@ def find_touch(points: Candidates, pose: Pose, floor: float, tolerance: float) -
             picked.append((*_spread(place, mask, rows[touching], frames), int(body)))
     position, mask, owner = _packed(picked, frames)
     return Touch(position, owner, mask, lowest, lowest_body, bodies, on, floor)
+
+
+def lowest(points: Candidates, pose: Pose, floor: float) -> tuple[Floats, Ints]:
+    """(T,) height of the lowest point above the floor (m), and its body."""
+    height = np.full(len(pose.position), np.inf)
+    owner = np.zeros(len(height), dtype=np.int64)
+    matters = _can_matter(points, pose, floor, -np.inf)
+    for index, body in enumerate(points.bodies):
+        rows = np.flatnonzero(matters[:, index])
+        if len(rows) == 0:
+            continue
+        low = lowest_heights(_rows(pose, rows), _of_body(points, int(body))).min(axis=1) - floor
+        under = rows[low < height[rows]]
+        owner[under] = body
+        height[rows] = np.minimum(low, height[rows])
+    return height, owner
 
 
 def _rows(pose: Pose, rows: Ints) -> Pose:
@@ -156,108 +152,22 @@ def _packed(picked: list[tuple[Floats, Bools, int]], frames: int) -> tuple[Float
     return place[rows, order], near[rows, order], owner[order]
 
 
-def body_motion(pose: Pose, bodies: Ints, keep: slice, step: float) -> tuple[Floats, Floats]:
-    """Linear and angular velocity (T, B, 3), world, of bodies by central differences."""
-    position, rotation = pose.position[:, bodies], pose.rotation[:, bodies]
-    linear = np.gradient(position, step, axis=0, edge_order=2)[keep]
-    turning = np.gradient(rotation, step, axis=0, edge_order=2)[keep]
-    # dR/dt R^T is the cross-product matrix of the angular velocity.
-    cross = turning @ np.swapaxes(rotation[keep], -1, -2)
-    angular = 0.5 * np.stack(
-        [
-            cross[..., 2, 1] - cross[..., 1, 2],
-            cross[..., 0, 2] - cross[..., 2, 0],
-            cross[..., 1, 0] - cross[..., 0, 1],
-        ],
-        axis=-1,
-    )
-    return linear, angular
+def cop_outside(points: Floats, mask: Bools, force: Floats, moment: Floats) -> Floats:
+    """(T,) m that the required centre of pressure lies outside the supporting points' hull.
 
-
-def touch_rho(touch: Touch, speed: Floats, tolerance: float) -> Floats:
-    """(T, n) price of force at a point: resting points on the floor come first.
-
-    Where several points could bear the load, the kindest reading of the clip is taken: the
-    foot at rest stands, the one that passes by does not. Speed counts relative to the slowest
-    point of the frame, so that a body sliding as a whole is explained like one at rest.
+    ``points`` (T, n, 3) m and ``moment`` (T, 3) BW m are about the CoM; the pressure is looked
+    for at the lowest point's height. NaN where nothing supports or less than a fifth of body
+    weight is to be borne; 0 inside.
     """
-    above = np.clip((touch.position[..., 2] - touch.floor) / tolerance, 0.0, 1.0)
-    slowest = np.where(touch.mask, speed, np.inf).min(axis=1, keepdims=True, initial=np.inf)
-    beyond = np.where(touch.mask, speed - slowest, 0.0)
-    return np.minimum(RHO * (1 + 9 * above**2) + _PRICE_PER_SPEED2 * beyond**2, _DEAREST)
-
-
-def skate(touch: Touch, force: Floats, velocity: Floats, friction: float) -> Series:
-    """Sliding of loaded bodies: ``skate`` (T,) m/s of the fastest, and ``skate_body``.
-
-    A body slides as fast as its slowest loaded point, so that rolling over the toes or
-    turning about the heel is no sliding. ``skate_free`` counts only sliding that friction
-    does not brake: a body that skids to a halt with its force on the edge of the cone,
-    against the motion, does what physics asks of it.
-    """
-    frames = len(force)
-    speed = np.linalg.norm(velocity, axis=2)
-    total = force[..., 2].sum(axis=1)
-    worst, free = np.zeros(frames), np.zeros(frames)
-    body = np.zeros(frames, dtype=np.int64)
-    for index, candidate in enumerate(touch.bodies):
-        if not touch.on[:, index].any():
-            continue
-        mine = touch.mask & (touch.body == candidate)
-        normal = np.where(mine, force[..., 2], 0.0)
-        load = normal.sum(axis=1)
-        bearing = mine & (normal > 0.01 * load[:, None])
-        slowest = np.where(bearing, speed, np.inf).min(axis=1, initial=np.inf)
-        loaded = (load > LOADED_BW) & (load > LOADED_SHARE * total) & np.isfinite(slowest)
-        slides = np.where(loaded, slowest, 0.0)
-        power = np.where(mine[..., None], force[..., :2] * velocity, 0.0).sum(axis=(1, 2))
-        most = friction * (normal * speed).sum(axis=1)
-        free = np.maximum(free, np.where(power < -BRAKED * most, 0.0, slides))
-        body[slides > worst] = candidate
-        worst = np.maximum(worst, slides)
-    return {"skate": worst, "skate_free": free, "skate_body": body}
-
-
-def arrows(touch: Touch, force: Floats) -> Series:
-    """The four largest forces on bodies: where they act (T, 4, 3) m and their size (T, 4, 3) BW.
-
-    Zero where fewer bodies bear load.
-    """
-    frames = len(force)
-    bearing = [int(b) for i, b in enumerate(touch.bodies) if touch.on[:, i].any()]
-    place = np.zeros((frames, max(len(bearing), _ARROWS), 3))
-    size = np.zeros_like(place)
-    for k, body in enumerate(bearing):
-        own = np.where((touch.mask & (touch.body == body))[..., None], force, 0.0)
-        size[:, k] = own.sum(axis=1)
-        load = own[..., 2]
-        total = load.sum(axis=1, keepdims=True)
-        share = load / np.where(total > 0, total, 1.0)
-        place[:, k] = np.einsum("tn,tni->ti", share, touch.position)
-    order = np.argsort(-size[..., 2], axis=1, kind="stable")[:, :_ARROWS]
-    rows = np.arange(frames)[:, None]
-    # Drawn, not computed with: single precision keeps an hour's clip small.
-    return {
-        "arrow_origin": place[rows, order].astype(np.float32),
-        "arrow_force": size[rows, order].astype(np.float32),
-    }
-
-
-def cop_outside(touch: Touch, force: Floats, moment: Floats, com: Floats, floor: float) -> Floats:
-    """(T,) m that the required centre of pressure lies outside the touching points' hull.
-
-    NaN where nothing touches or less than a fifth of body weight is to be borne; 0 inside.
-    """
-    judged = (force[:, 2] > 0.2) & touch.mask.any(axis=1)
+    judged = (force[:, 2] > 0.2) & mask.any(axis=1)
     outside = np.full(len(force), np.nan)
     if not judged.any():
         return outside
-    f, m, c = force[judged], moment[judged], com[judged]
-    drop = floor - c[:, 2]
-    x = c[:, 0] + (drop * f[:, 0] - m[:, 1]) / f[:, 2]
-    y = c[:, 1] + (m[:, 0] + drop * f[:, 1]) / f[:, 2]
-    points, mask = touch.position[judged][..., :2], touch.mask[judged]
-    outside[judged] = hull_distance(np.c_[x, y], points, mask)
+    f, m, own = force[judged], moment[judged], mask[judged]
+    drop = np.where(own, points[judged][..., 2], np.inf).min(axis=1)
+    x = (drop * f[:, 0] - m[:, 1]) / f[:, 2]
+    y = (m[:, 0] + drop * f[:, 1]) / f[:, 2]
+    outside[judged] = hull_distance(np.c_[x, y], points[judged][..., :2], own)
     return outside
 
 

@@ -99,9 +99,8 @@ def _flight(a: Analysis) -> Iterator[tuple[str, Measure]]:
         return
     free = states.airborne(a)
     yield "flight_frames_fraction", _share(a, free, a["lowest"])
-    gravity = float(np.linalg.norm(a.character.model.opt.gravity))
     judged = states.flight(a)
-    error = np.where(judged, np.linalg.norm(a["required_force"], axis=1) * gravity, np.nan)
+    error = np.where(judged, states.flight_error(a), np.nan)
     worst = peak(a, error, "m/s^2").frame
     yield (
         "flight_com_acceleration_error_rms",

@@ -7,13 +7,13 @@ from numpy.typing import NDArray
 
 from physretarget.validation.analysis import Analysis
 from physretarget.validation.rule import runs
+from physretarget.validation.smear import reach_frames
 
 Bools = NDArray[np.bool_]
+Floats = NDArray[np.float64]
 
 # A frame without contact floats when this share of body weight would have to be borne.
 FLOAT_BW = 0.3
-# A filter smears take-off and landing over about a quarter of its period.
-_SMEAR_PERIODS = 0.25
 # A stretch in the air that needs support for longer than this floats as a whole.
 _FLOATS_S = 0.05
 
@@ -24,17 +24,16 @@ def airborne(analysis: Analysis) -> Bools:
     return free
 
 
-def floating(analysis: Analysis) -> Bools:
-    """(T,) nothing touches, yet support is required."""
-    needs: Bools = analysis["required_force"][:, 2] > FLOAT_BW
-    return airborne(analysis) & needs
-
-
 def flight(analysis: Analysis) -> Bools:
-    """(T,) frames in the air, their ends trimmed by what the filter smears."""
-    hz = analysis.settings.lowpass_hz
-    trim = 0 if hz is None else round(_SMEAR_PERIODS / hz * analysis.fps)
-    return eroded(airborne(analysis), trim).copy()
+    """(T,) nothing touches in this frame nor within reach of its force."""
+    return ~analysis.flags("supported")
+
+
+def floating(analysis: Analysis) -> Bools:
+    """(T,) nothing touches, yet more support is required than contacts nearby can have left."""
+    missing = analysis["straight_force"][:, 2] - analysis["pushed"]
+    needs: Bools = missing > FLOAT_BW
+    return airborne(analysis) & needs
 
 
 def free_flight(analysis: Analysis) -> Bools:
@@ -46,13 +45,24 @@ def free_flight(analysis: Analysis) -> Bools:
     return judged
 
 
-def eroded(flags: Bools, frames: int) -> Bools:
-    """Stretches of True shortened by so many frames at both ends (not at the clip's ends)."""
-    if frames <= 0 or len(flags) == 0:
-        return flags
-    padded = np.pad(flags, frames, mode="edge")
-    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * frames + 1)
-    return np.asarray(windows.all(axis=1), dtype=np.bool_)
+def flight_error(analysis: Analysis) -> Floats:
+    """(T,) m/s^2 that the CoM's acceleration is off gravity, what the filter made taken out."""
+    force = analysis["straight_force"].copy()
+    force[:, 2] -= analysis["pushed"]
+    gravity = float(np.linalg.norm(analysis.character.model.opt.gravity))
+    error: Floats = np.linalg.norm(force, axis=1) * gravity
+    return error
+
+
+def too_short(analysis: Analysis) -> str | None:
+    """Why flight cannot be judged although there is some, or None."""
+    if not airborne(analysis).any() or flight(analysis).any():
+        return None
+    reach = reach_frames(analysis.fps, analysis.settings.lowpass_hz) / analysis.fps
+    return (
+        f"every flight is over within {2 * reach:.2g} s: differences"
+        f"{'' if analysis.settings.lowpass_hz is None else ' and the filter'} mix it with contact"
+    )
 
 
 def chatter(analysis: Analysis, shortest_s: float) -> Bools:

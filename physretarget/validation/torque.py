@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from physretarget.kinematics import Pose
 from physretarget.mjcf import Character
-from physretarget.validation.contacts import Touch
+from physretarget.validation.support import Support
 
 Floats = NDArray[np.float64]
 Series = dict[str, NDArray[np.generic]]
@@ -85,7 +85,9 @@ def _is_motor(model: mujoco.MjModel, actuator: int) -> bool:
     return bool(fixed and plain)
 
 
-def contact_torque(character: Character, pose: Pose, touch: Touch, force: Floats) -> Floats:
+def contact_torque(
+    character: Character, pose: Pose, support: Support, force: Floats, com: Floats
+) -> Floats:
     """(T, nv) generalised force of contact forces (T, n, 3) N: J^T f without any Jacobian.
 
     Forces are gathered from the leaves to the root; every joint then feels what its subtree
@@ -93,11 +95,12 @@ def contact_torque(character: Character, pose: Pose, touch: Touch, force: Floats
     """
     tree, frames = character.tree, len(force)
     total = np.zeros((frames, tree.nb, 6))
-    bearing = [int(b) for i, b in enumerate(touch.bodies) if touch.on[:, i].any()]
+    bearing = [int(b) for b in support.bodies]
+    place = com[:, None] + support.arm
     for body in bearing:
-        own = np.where((touch.mask & (touch.body == body))[..., None], force, 0.0)
+        own = np.where((support.mask & (support.body == body))[..., None], force, 0.0)
         total[:, body, :3] = own.sum(axis=1)
-        total[:, body, 3:] = np.cross(touch.position, own).sum(axis=1)
+        total[:, body, 3:] = np.cross(place, own).sum(axis=1)
     loaded = np.asarray(np.any(tree.carries[:, bearing], axis=1), dtype=np.bool_)
     for body in range(tree.nb - 1, 0, -1):
         if loaded[body]:

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import lru_cache, partial
 
 import mujoco
 import numpy as np
@@ -102,6 +104,12 @@ def clip_of(character: Character, qpos: Array, fps: float) -> Clip:
         model_name=character.name,
         model_sha256=character.sha256,
     )
+
+
+@pytest.fixture(scope="session")
+def hop_at(biped: Character) -> Callable[[float], Clip]:
+    """The simulated clip at a frame rate."""
+    return lru_cache(partial(simulated, biped))
 
 
 @pytest.fixture(scope="session")

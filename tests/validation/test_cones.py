@@ -17,6 +17,7 @@ from physretarget.mjcf import Character
 from physretarget.validation.cones import RHO, fit_forces
 from physretarget.validation.contacts import find_touch, hull_distance
 from physretarget.validation.geometry import candidates, lowest_points
+from physretarget.validation.support import find_support
 from physretarget.validation.torque import contact_torque
 
 Array = NDArray[np.float64]
@@ -186,10 +187,12 @@ def test_lowest_points_agree_with_collision_distances() -> None:
 def test_contact_torque_is_the_transposed_jacobian(biped: Character, hop: Clip) -> None:
     qpos = hop.qpos[:40:8]
     pose = kinematics.forward(biped.tree, qpos)
-    touch = find_touch(candidates(biped), pose, 0.0, 0.02)
+    com = np.random.default_rng(1).normal(size=(len(qpos), 3))
+    near = find_touch(candidates(biped), pose, 0.0, 0.02)
+    touch = find_support(near, com, slice(0, len(qpos)), 0)
     rng = np.random.default_rng(0)
     force = rng.normal(size=touch.position.shape) * touch.mask[..., None]
-    ours = contact_torque(biped, pose, touch, force)
+    ours = contact_torque(biped, pose, touch, force, com)
     data = mujoco.MjData(biped.model)
     for t in range(len(qpos)):
         data.qpos[:] = qpos[t]

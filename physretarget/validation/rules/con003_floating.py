@@ -3,7 +3,7 @@
 What it does
 ------------
 Frames in which nothing is near the floor although the motion needs more than 30 % of body
-weight of support.
+weight of support, beyond what differences and the filter carry there from contacts nearby.
 
 Why it matters
 --------------

@@ -3,8 +3,8 @@
 What it does
 ------------
 The moment about the CoM that the motion requires minus the best that friction cones at the
-touching points can give, in body weight times CoM height. Frames in the air are left to
-CON003, DYN006 and DYN007.
+touching points, or those touching within reach, can give, in body weight times CoM height. Frames
+in the air are left to CON003, DYN006 and DYN007.
 
 Why it matters
 --------------
@@ -33,7 +33,7 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     """No contact force explains the turning of the body."""
     if not analysis.judges_forces:
         return Verdict(not_covered=analysis.no_forces_because)
-    series = np.where(states.airborne(analysis), np.nan, analysis["unexplained_moment"])
+    series = np.where(states.flight(analysis), np.nan, analysis["unexplained_moment"])
     return exceeding(
         analysis, rule, series, warning=limits["warning"], error=limits["error"], unit="BW h",
         message="{value} {unit} of moment are explained by no contact (limit {limit})",

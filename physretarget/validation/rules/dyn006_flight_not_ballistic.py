@@ -2,8 +2,8 @@
 
 What it does
 ------------
-Acceleration of the CoM minus gravity in frames without contact, the smear of the filter left
-out. Stretches that need support are CON003's.
+Acceleration of the CoM minus gravity in frames without contact, out of reach of contacts before
+and after. Stretches that need support are CON003's.
 
 Why it matters
 --------------
@@ -34,10 +34,9 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     if not analysis.judges_forces:
         return Verdict(not_covered=analysis.no_forces_because)
     judged = states.free_flight(analysis)
-    if not judged.any():
-        return Verdict()
-    gravity = float(np.linalg.norm(analysis.character.model.opt.gravity))
-    error = np.linalg.norm(analysis["required_force"], axis=1) * gravity
+    if short := states.too_short(analysis):
+        return Verdict(not_covered=short)
+    error = states.flight_error(analysis)
     return exceeding(
         analysis, rule, np.where(judged, error, np.nan), warning=limits["warning"],
         error=limits["error"], unit="m/s^2", minimum_s=limits["hold"],

@@ -2,8 +2,8 @@
 
 What it does
 ------------
-Moment about the CoM that the motion requires in frames without contact, in body weight times
-CoM height.
+Moment about the CoM that the motion requires in frames without contact, out of reach of contacts
+before and after, in body weight times CoM height.
 
 Why it matters
 --------------
@@ -32,6 +32,8 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     """In the air the angular momentum changes."""
     if not analysis.judges_forces:
         return Verdict(not_covered=analysis.no_forces_because)
+    if short := states.too_short(analysis):
+        return Verdict(not_covered=short)
     judged = states.free_flight(analysis)
     moment = np.linalg.norm(analysis["required_moment"], axis=1)
     return exceeding(

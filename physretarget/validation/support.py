@@ -1,0 +1,222 @@
+"""Where forces may act to explain a frame: the touching points, and those just before or after.
+
+A body that touches a frame or two earlier or later (see :mod:`physretarget.validation.smear`)
+may bear load: differences and filter spread its force over these frames. It acts where it acted
+then, with the arm about the CoM that it had then.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physretarget.kinematics import Pose
+from physretarget.validation.cones import RHO
+from physretarget.validation.contacts import Touch
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+Series = dict[str, NDArray[np.generic]]
+
+# A body bears load above this share of body weight and of what is borne in all.
+LOADED_BW, LOADED_SHARE = 0.1, 0.25
+# Sliding is braked when friction takes this share of the power that the cone allows.
+BRAKED = 0.7
+_ARROWS = 4
+# The fit prefers resting points. The price of force grows with the square of the speed beyond
+# the slowest touching point's: 1e-3 at 0.1 m/s, 0.1 at 1 m/s, where 1 would halve the force.
+_PRICE_PER_SPEED2 = 0.1
+_DEAREST = 1.0
+# What touches now comes before what touched a moment ago.
+_PRICE_OF_ABSENCE = 10 * RHO
+# A point that rises or sinks more than this per way along the floor, and more than the noise of
+# captures, does not slide.
+_STEEP, _UNEVEN_M = 0.25, 0.002
+_NEVER = 1 << 40
+
+
+@dataclass(frozen=True, eq=False)
+class Support:
+    """Points (T, n) at which force may act: position world m, ``arm`` m from the CoM, body.
+
+    ``own`` are those that touch in the frame itself, ``mask`` adds those of neighbouring
+    frames. ``bodies`` (B,) are those that support in any frame.
+    """
+
+    position: Floats
+    arm: Floats
+    body: Ints
+    mask: Bools
+    own: Bools
+    bodies: Ints
+    floor: float
+
+    def series(self) -> Series:
+        """The per-frame results that are kept."""
+        return {"supported": np.asarray(self.mask.any(axis=1), dtype=np.bool_)}
+
+
+def find_support(touch: Touch, com: Floats, inner: slice, reach: int) -> Support:
+    """Support of the frames ``inner``; ``touch`` and ``com`` (T, 3) come with neighbours."""
+    frames = np.arange(len(com))[inner]
+    row, column = np.nonzero(touch.mask[inner])
+    rows, sources, columns = [row], [frames[row]], [column]
+    for nearest in _neighbours(touch.on, reach):
+        for index in np.flatnonzero((nearest[inner] >= 0).any(axis=0)):
+            source = nearest[inner, index]
+            late = np.flatnonzero(source >= 0)
+            mine = touch.mask[source[late]] & (touch.body[source[late]] == touch.bodies[index])
+            row, column = np.nonzero(mine)
+            rows.append(late[row])
+            sources.append(source[late][row])
+            columns.append(column)
+    row, source, column = (np.concatenate(part) for part in (rows, sources, columns))
+    order = np.argsort(row, kind="stable")
+    row, source, column = row[order], source[order], column[order]
+    counts = np.bincount(row, minlength=len(frames))
+    place = np.arange(len(row)) - np.repeat(np.cumsum(counts) - counts, counts)
+    shape = (len(frames), int(counts.max(initial=0)))
+    position, arm = np.zeros((*shape, 3)), np.zeros((*shape, 3))
+    body, mask, own = np.zeros(shape, dtype=np.int64), np.zeros(shape, bool), np.zeros(shape, bool)
+    position[row, place] = touch.position[source, column]
+    arm[row, place] = touch.position[source, column] - com[source]
+    body[row, place], mask[row, place] = touch.body[source, column], True
+    own[row, place] = source == frames[row]
+    return Support(position, arm, body, mask, own, np.unique(body[mask]), touch.floor)
+
+
+def _neighbours(on: Bools, reach: int) -> tuple[Ints, Ints]:
+    """(T, B) the last frame before, and the first after, in which a body touches; else -1.
+
+    -1 also where the body touches in the frame itself or not within ``reach`` frames.
+    """
+    index = np.arange(len(on))[:, None]
+    before = np.maximum.accumulate(np.where(on, index, -_NEVER), axis=0)
+    after = np.minimum.accumulate(np.where(on, index, _NEVER)[::-1], axis=0)[::-1]
+    return (
+        np.where(~on & (index - before <= reach), before, -1),
+        np.where(~on & (after - index <= reach), after, -1),
+    )
+
+
+def sliding(
+    support: Support, here: Pose, poses: tuple[Pose, ...], keep: slice, step: float, near: float
+) -> Floats:
+    """(T, n, 2) tangential velocity of points between frames in both of which they touch, m/s.
+
+    A point slides from one frame to the next only if that material point is within ``near`` (m)
+    of the floor in both, and stays at its height: what moves along steeply is still landing, or
+    lifting already. So differences are one-sided where a contact begins or ends, no flight is
+    taken for sliding, and a contact of one frame does not slide. ``poses`` are the clip as
+    filtered and as given: what only one of them shows is smear, or noise, and the slower counts.
+    """
+    rows = np.arange(len(support.body))[:, None]
+    turn = here.rotation[rows, support.body]
+    arm = support.position - here.position[rows, support.body]
+    local = (arm[..., None, :] @ turn)[..., 0, :]
+    slowest: Floats | None = None
+    for pose in poses:
+        velocity = _one_sided(support, pose, local, keep, step, near)
+        if slowest is not None:
+            faster = np.linalg.norm(velocity, axis=2) > np.linalg.norm(slowest, axis=2)
+            velocity = np.where(faster[..., None], slowest, velocity)
+        slowest = velocity
+    assert slowest is not None
+    return slowest
+
+
+def _one_sided(
+    support: Support, pose: Pose, local: Floats, keep: slice, step: float, near: float
+) -> Floats:
+    frames = np.arange(len(pose.position))[keep][:, None]
+    now = _place(pose, frames, support.body, local)
+    touches = support.own & (now[..., 2] - support.floor < near)
+    total, sides = np.zeros((*support.body.shape, 2)), np.zeros(support.body.shape)
+    for side in (-1, 1):
+        other = np.clip(frames + side, 0, len(pose.position) - 1)
+        then = _place(pose, other, support.body, local)
+        moved = then - now
+        along = np.hypot(moved[..., 0], moved[..., 1])
+        level = np.abs(moved[..., 2]) <= _STEEP * along + _UNEVEN_M
+        near_then = then[..., 2] - support.floor < near
+        both = touches & (other != frames) & near_then & level
+        total += np.where(both[..., None], side * moved[..., :2], 0.0)
+        sides += both
+    velocity: Floats = total / (np.maximum(sides, 1) * step)[..., None]
+    return velocity
+
+
+def _place(pose: Pose, frames: Ints, body: Ints, local: Floats) -> Floats:
+    turned = (pose.rotation[frames, body] @ local[..., None])[..., 0]
+    place: Floats = pose.position[frames, body] + turned
+    return place
+
+
+def prices(support: Support, speed: Floats, tolerance: float) -> Floats:
+    """(T, n) price of force at a point: resting points on the floor come first.
+
+    Where several points could bear the load, the kindest reading of the clip is taken: the
+    foot at rest stands, the one that passes by does not. Speed counts relative to the slowest
+    point of the frame, so that a body sliding as a whole is explained like one at rest.
+    """
+    above = np.clip((support.position[..., 2] - support.floor) / tolerance, 0.0, 1.0)
+    slowest = np.where(support.own, speed, np.inf).min(axis=1, keepdims=True, initial=np.inf)
+    beyond = np.where(support.own, speed - slowest, 0.0)
+    price = RHO * (1 + 9 * above**2) + _PRICE_PER_SPEED2 * beyond**2
+    return np.minimum(price + np.where(support.own, 0.0, _PRICE_OF_ABSENCE), _DEAREST)
+
+
+def skate(support: Support, force: Floats, velocity: Floats, friction: float) -> Series:
+    """Sliding of loaded bodies: ``skate`` (T,) m/s of the fastest, and ``skate_body``.
+
+    A body slides as fast as its slowest loaded point, so that rolling over the toes or
+    turning about the heel is no sliding. ``skate_free`` counts only sliding that friction
+    does not brake: a body that skids to a halt with its force on the edge of the cone,
+    against the motion, does what physics asks of it.
+    """
+    frames = len(force)
+    speed = np.linalg.norm(velocity, axis=2)
+    total = force[..., 2].sum(axis=1)
+    worst, free = np.zeros(frames), np.zeros(frames)
+    body = np.zeros(frames, dtype=np.int64)
+    for candidate in support.bodies:
+        mine = support.own & (support.body == candidate)
+        normal = np.where(mine, force[..., 2], 0.0)
+        load = normal.sum(axis=1)
+        bearing = mine & (normal > 0.01 * load[:, None])
+        slowest = np.where(bearing, speed, np.inf).min(axis=1, initial=np.inf)
+        loaded = (load > LOADED_BW) & (load > LOADED_SHARE * total) & np.isfinite(slowest)
+        slides = np.where(loaded, slowest, 0.0)
+        power = np.where(mine[..., None], force[..., :2] * velocity, 0.0).sum(axis=(1, 2))
+        most = friction * (normal * speed).sum(axis=1)
+        free = np.maximum(free, np.where(power < -BRAKED * most, 0.0, slides))
+        body[slides > worst] = candidate
+        worst = np.maximum(worst, slides)
+    return {"skate": worst, "skate_free": free, "skate_body": body}
+
+
+def arrows(support: Support, force: Floats) -> Series:
+    """The four largest forces on bodies: where they act (T, 4, 3) m and their size (T, 4, 3) BW.
+
+    Zero where fewer bodies bear load.
+    """
+    frames = len(force)
+    place = np.zeros((frames, max(len(support.bodies), _ARROWS), 3))
+    size = np.zeros_like(place)
+    for k, body in enumerate(support.bodies):
+        own = np.where((support.mask & (support.body == body))[..., None], force, 0.0)
+        size[:, k] = own.sum(axis=1)
+        load = own[..., 2]
+        total = load.sum(axis=1, keepdims=True)
+        share = load / np.where(total > 0, total, 1.0)
+        place[:, k] = np.einsum("tn,tni->ti", share, support.position)
+    order = np.argsort(-size[..., 2], axis=1, kind="stable")[:, :_ARROWS]
+    rows = np.arange(frames)[:, None]
+    # Drawn, not computed with: single precision keeps an hour's clip small.
+    return {
+        "arrow_origin": place[rows, order].astype(np.float32),
+        "arrow_force": size[rows, order].astype(np.float32),
+    }
