@@ -14,15 +14,24 @@ from physretarget.cli.common import command, complete, one_of, progress
 Step = Callable[[str], None]
 
 
-def _ruhland2017(data: Path, out: Path, step: Step) -> tuple[Path, ...]:
+def _yamane2010(data: Path, out: Path, processes: int, step: Step) -> tuple[Path, ...]:
+    from physretarget.demo import models_folder
+    from physretarget.reproduce import reproduce_yamane2010
+
+    models = models_folder()
+    page, _ = reproduce_yamane2010(data, out, models=models, processes=processes, progress=step)
+    return (page,)
+
+
+def _ruhland2017(data: Path, out: Path, processes: int, step: Step) -> tuple[Path, ...]:
     from physretarget.face.reproduce import reproduce
     from physretarget.face.reproduce_page import write_all
 
-    return write_all(reproduce(data, progress=step), out)
+    return write_all(reproduce(data, progress=step), out)  # one process: it also tells its cost
 
 
-PAPERS: dict[str, Callable[[Path, Path, Step], tuple[Path, ...]]] = {"ruhland2017": _ruhland2017}
-"""Paper → function of data folder, output folder and progress that returns the files written."""
+PAPERS = {"yamane2010": _yamane2010, "ruhland2017": _ruhland2017}
+"""Paper → function that returns the files written."""
 
 
 @command(app, "reproduce", example="physretarget reproduce ruhland2017 --data data --out figures")
@@ -30,10 +39,13 @@ def reproduce_command(
     paper: Annotated[str, typer.Argument(help="Which paper.", **complete(tuple(PAPERS)))],
     data: Annotated[Path, typer.Option("--data", help="Folder of real captures (and keys).")],
     out: Annotated[Path, typer.Option("--out", help="Folder for figures and tables.")],
+    processes: Annotated[
+        int, typer.Option("--processes", min=1, help="How many work at once (yamane2010).")
+    ] = 2,
 ) -> None:
     """A paper's figures and tables, from real data; every number from this run."""
     one_of(paper, tuple(PAPERS), "PAPER")
     with progress(f"reproduce {paper}") as step:
-        written = PAPERS[paper](data, out, step)
+        written = PAPERS[paper](data, out, processes, step)
     for path in written:
         typer.echo(str(path))

@@ -1,0 +1,84 @@
+"""reproduce ruhland2017, small: counts add up, quotes are the paper's, files are written."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from physretarget.errors import InputError
+from physretarget.face.curve import Curve
+from physretarget.face.formats import write_csv, write_json
+from physretarget.face.reproduce import ReproduceSettings, cuts, reproduce
+from physretarget.face.reproduce_page import PAPER_KEYS, markdown, write_all
+from physretarget.face.shot import Shot, Take
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    root = tmp_path_factory.mktemp("data")
+    (root / "face").mkdir()
+    (root / "keys").mkdir()
+    rng = np.random.default_rng(0)
+    for n in range(6):
+        times = np.cumsum(rng.uniform(0.2, 0.6, 8))
+        shot = Shot(f"shot{n}", {"brow": Curve.through(times, rng.uniform(0, 1, 8))})
+        write_json(root / "keys" / f"shot{n}.curves.json", shot)
+    time = np.arange(200) / 30.0
+    values = 0.5 + 0.4 * np.sin(time[:, None] * np.array([2.0, 3.5, 5.0]))
+    take = Take("take", time, ("BrowInnerUp", "EyeBlinkLeft", "JawOpen"), values)
+    write_csv(root / "face" / "take.csv", take)
+    return root
+
+
+@pytest.fixture(scope="module")
+def found(folder):
+    return reproduce(folder, ReproduceSettings(takes=1, held_out=2))
+
+
+def test_cuts_are_four_seconds_from_zero():
+    take = Take("t", np.arange(400) / 30.0, ("a",), np.arange(400.0)[:, None])
+    pieces = list(cuts(take, ReproduceSettings(takes=3)))
+    assert [len(p.time) for p in pieces] == [121] * 3
+    assert [p.time[0] for p in pieces] == [0, 0, 0]
+    assert [p.values[0, 0] for p in pieces] == [0, 140, 279]
+    assert not list(cuts(take, ReproduceSettings(seconds=60)))
+
+
+def test_counts_and_equal_key_count(found):
+    assert (found.takes, found.channels, found.frames) == (1, 2, 121)
+    rows = {(r.name, r.placement): r for r in found.rows}
+    assert len(rows) == 2 * 3 * 3
+    for method in ("distance", "sax", "hmm"):
+        for place in ("greedy", "optimal"):
+            assert 2 <= rows[method, place].keys < 60
+            assert rows[method, place].seconds > 0
+            plain = rows[f"decimate at {method}'s count", place]
+            assert plain.keys == rows[method, place].keys
+    assert found.held_out > 0
+    assert [m for m, _ in found.recovery] == ["distance"] * 3 + ["sax"] * 3 + ["hmm"] * 3
+
+
+def test_files(found, tmp_path):
+    written = write_all(found, tmp_path / "out")
+    assert [p.name for p in written] == [
+        "ruhland2017.md",
+        "ruhland2017.json",
+        "figure3.svg",
+        "take.html",
+    ]
+    content = json.loads(written[1].read_text())
+    assert content["frames_per_take"] == 121
+    assert all(len(one["sha256"]) == 64 for one in content["inputs"])
+    page = written[0].read_text()
+    for number in PAPER_KEYS.values():
+        assert str(number) in page
+    assert "F(4, 64) = 36.633" in page
+    assert "quoted, not repeated" in page
+    assert markdown(found) == page
+
+
+def test_missing_folders_are_named(tmp_path):
+    with pytest.raises(InputError, match="keys"):
+        reproduce(tmp_path)
