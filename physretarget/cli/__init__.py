@@ -47,6 +47,7 @@ from physretarget.cli import (  # noqa: E402, F401
     replay,
     reproduce,
     retarget,
+    suite,
     stream,
     suggest,
     validate,

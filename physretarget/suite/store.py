@@ -1,0 +1,417 @@
+"""History: runs, results by content address, accepted baselines. SQLite or PostgreSQL.
+
+SQLAlchemy's Core (not its ORM) because the same few statements must run on both databases.
+Migrations are a list of functions here rather than Alembic: six tables need no folder of
+scripts and templates, and a store that upgrades itself when opened needs no second command.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from physretarget.errors import InputError, MissingExtraError, UsageError
+from physretarget.suite.compare import State
+from physretarget.suite.job import Outcome
+
+try:
+    import sqlalchemy as sa
+    from sqlalchemy.dialects import postgresql, sqlite
+except ImportError as error:
+    raise MissingExtraError("SQLAlchemy", extra="suite", purpose="a suite's history") from error
+
+_CHUNK = 500  # addresses per IN (...): below every driver's limit of parameters
+_LOCK = 7246213  # any number, the same in every version: who migrates waits for the other
+
+_tables = sa.MetaData()
+_version = sa.Table("schema_version", _tables, sa.Column("version", sa.Integer, nullable=False))
+_runs = sa.Table(
+    "runs", _tables,
+    sa.Column("id", sa.Integer, primary_key=True),
+    sa.Column("suite", sa.Text, nullable=False, index=True),
+    sa.Column("started", sa.Text, nullable=False),
+    sa.Column("finished", sa.Text),
+    sa.Column("seconds", sa.Float),
+    sa.Column("version", sa.Text, nullable=False),
+    sa.Column("done", sa.Integer),
+    sa.Column("counts", sa.JSON),
+)  # fmt: skip
+_results = sa.Table(
+    "results", _tables,
+    sa.Column("address", sa.String(64), primary_key=True),
+    sa.Column("status", sa.String(16), nullable=False),
+    sa.Column("message", sa.Text, nullable=False),
+    sa.Column("transient", sa.Boolean, nullable=False),
+    sa.Column("seconds", sa.Float, nullable=False),
+    sa.Column("created", sa.Text, nullable=False),
+    sa.Column("measures", sa.JSON, nullable=False),
+    sa.Column("findings", sa.JSON, nullable=False),
+    sa.Column("document", sa.JSON),
+)  # fmt: skip
+_artifacts = sa.Table(
+    "artifacts", _tables,
+    sa.Column("address", sa.String(64), primary_key=True),
+    sa.Column("kind", sa.String(16), primary_key=True),
+    sa.Column("content", sa.LargeBinary, nullable=False),
+)  # fmt: skip
+_entries = sa.Table(
+    "entries", _tables,
+    sa.Column("run", sa.Integer, sa.ForeignKey("runs.id"), primary_key=True),
+    sa.Column("clip", sa.Text, primary_key=True),
+    sa.Column("address", sa.String(64)),
+    sa.Column("baseline", sa.String(64)),
+    sa.Column("case_name", sa.Text, nullable=False),
+    sa.Column("kind", sa.String(16), nullable=False),
+    sa.Column("tags", sa.JSON, nullable=False),
+    sa.Column("owner", sa.Text, nullable=False),
+    sa.Column("verdict", sa.String(16), nullable=False),
+    sa.Column("reason", sa.Text, nullable=False),
+    sa.Column("blocking", sa.Boolean, nullable=False),
+    sa.Column("changes", sa.JSON, nullable=False),
+)  # fmt: skip
+_baselines = sa.Table(
+    "baselines", _tables,
+    sa.Column("id", sa.Integer, primary_key=True),
+    sa.Column("suite", sa.Text, nullable=False, index=True),
+    sa.Column("clip", sa.Text, nullable=False),
+    sa.Column("address", sa.String(64)),  # NULL: accepted as gone
+    sa.Column("run", sa.Integer, nullable=False),
+    sa.Column("note", sa.Text, nullable=False),
+    sa.Column("accepted", sa.Text, nullable=False),
+)  # fmt: skip
+
+
+def _create(connection: sa.Connection) -> None:
+    _tables.create_all(
+        connection, tables=[_runs, _results, _artifacts, _entries, _baselines], checkfirst=False
+    )
+
+
+# Each takes the schema from its index to the next; only ever append, never edit.
+MIGRATIONS: tuple[Callable[[sa.Connection], None], ...] = (_create,)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entry:
+    """One clip in one run: where its result is, what it was compared with, the verdict."""
+
+    clip: str
+    address: str | None
+    baseline: str | None
+    case_name: str
+    kind: str
+    tags: tuple[str, ...]
+    owner: str
+    verdict: str
+    reason: str
+    blocking: bool
+    changes: tuple[Mapping[str, Any], ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """A run that finished; ``done``: jobs that were really done, ``counts``: clips by verdict."""
+
+    id: int
+    suite: str
+    started: str
+    finished: str
+    seconds: float
+    version: str
+    done: int
+    counts: Mapping[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Accepted:
+    """A clip's baseline in force; ``address`` None: it was accepted that the clip is gone."""
+
+    address: str | None
+    note: str
+    accepted: str
+    run: int
+
+
+class Store:
+    """An open history. Use as a context manager.
+
+    Raises:
+        UsageError: the URL is not understood.
+        InputError: the database cannot be opened, or was written by a newer version.
+    """
+
+    def __init__(self, url: str) -> None:
+        self.url = url
+        try:
+            parsed = sa.make_url(url)
+            if parsed.get_backend_name() == "sqlite" and parsed.database:
+                Path(parsed.database).parent.mkdir(parents=True, exist_ok=True)
+            self._engine = sa.create_engine(parsed)
+        except ModuleNotFoundError as error:
+            raise MissingExtraError(
+                str(error.name), extra="postgresql", purpose=f"a history at {_shown(url)}"
+            ) from error
+        except (sa.exc.ArgumentError, sa.exc.NoSuchModuleError) as error:
+            raise UsageError(
+                f"the history {_shown(url)!r} is no URL of SQLite or PostgreSQL."
+            ) from error
+        if self._engine.dialect.name not in ("sqlite", "postgresql"):
+            raise UsageError(f"the history {_shown(url)!r} is neither SQLite nor PostgreSQL.")
+        if self._engine.dialect.name == "sqlite":
+            sa.event.listen(self._engine, "connect", _sqlite_settings)
+            # A transaction that only later turns out to write could find itself locked out.
+            sa.event.listen(self._engine, "begin", lambda c: c.exec_driver_sql("BEGIN IMMEDIATE"))
+        with self._errors():
+            self._migrate()
+
+    def __enter__(self) -> Store:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._engine.dispose()
+
+    # ---- schema --------------------------------------------------------------------------------
+
+    def _migrate(self) -> None:
+        with self._engine.begin() as connection:
+            if self._engine.dialect.name == "postgresql":
+                connection.execute(sa.text(f"SELECT pg_advisory_xact_lock({_LOCK})"))
+            _version.create(connection, checkfirst=True)
+            at = connection.execute(sa.select(sa.func.max(_version.c.version))).scalar() or 0
+            if at > len(MIGRATIONS):
+                raise InputError(
+                    f"was written by a newer version (schema {at}, this one knows "
+                    f"{len(MIGRATIONS)}).",
+                    path=_shown(self.url),
+                )
+            for number, migration in enumerate(MIGRATIONS[at:], at + 1):
+                migration(connection)
+                connection.execute(_version.insert().values(version=number))
+
+    @contextmanager
+    def _errors(self) -> Iterator[None]:
+        try:
+            yield
+        except sa.exc.SQLAlchemyError as error:
+            cause = str(getattr(error, "orig", None) or error).strip().splitlines()[0]
+            raise InputError(f"the history fails: {cause}.", path=_shown(self.url)) from error
+
+    @contextmanager
+    def _begin(self) -> Iterator[sa.Connection]:
+        with self._errors(), self._engine.begin() as connection:
+            yield connection
+
+    def _insert(self, table: sa.Table, values: Any, *, keys: Sequence[str] = ()) -> Any:
+        """An insert that leaves an existing row alone, or with ``keys`` replaces it."""
+        make: Any = sqlite if self._engine.dialect.name == "sqlite" else postgresql
+        statement = make.insert(table).values(values)
+        if not keys:
+            return statement.on_conflict_do_nothing()
+        changed = {c.name: statement.excluded[c.name] for c in table.c if c.name not in keys}
+        return statement.on_conflict_do_update(index_elements=list(keys), set_=changed)
+
+    # ---- results -------------------------------------------------------------------------------
+
+    def known(self, addresses: Iterable[str]) -> set[str]:
+        """Those addresses whose result is there for good."""
+        found: set[str] = set()
+        with self._begin() as connection:
+            for part in _parts(addresses):
+                query = sa.select(_results.c.address).where(
+                    _results.c.address.in_(part), _results.c.transient.is_(False)
+                )
+                found.update(connection.execute(query).scalars())
+        return found
+
+    def save(self, outcome: Outcome) -> None:
+        """Keep a result with its artifacts, all or nothing; saving twice changes nothing."""
+        document = outcome.document or {}
+        findings: dict[str, dict[str, int]] = {}
+        for finding in document.get("findings", ()):
+            count = findings.setdefault(finding["code"], {"errors": 0, "warnings": 0})
+            count["errors" if finding["severity"] == "error" else "warnings"] += 1
+        measures = {
+            name: {"value": m["value"], "unit": m["unit"]}
+            for name, m in document.get("measures", {}).items()
+        }
+        row = {
+            "address": outcome.address, "status": outcome.status, "message": outcome.message,
+            "transient": outcome.transient, "seconds": outcome.seconds, "created": _now(),
+            "measures": measures, "findings": findings, "document": outcome.document,
+        }  # fmt: skip
+        with self._begin() as connection:
+            for kind, content in sorted(outcome.artifacts.items()):
+                name, _, own = kind.partition("/")
+                connection.execute(
+                    self._insert(
+                        _artifacts,
+                        {"address": own or outcome.address, "kind": name, "content": content},
+                    )
+                )
+            connection.execute(self._insert(_results, row, keys=("address",)))
+
+    def states(self, addresses: Iterable[str]) -> dict[str, State]:
+        """What is needed to compare, by address."""
+        columns = (
+            _results.c.address, _results.c.status, _results.c.message, _results.c.measures,
+            _results.c.findings,
+        )  # fmt: skip
+        found: dict[str, State] = {}
+        with self._begin() as connection:
+            for part in _parts(addresses):
+                query = sa.select(*columns).where(_results.c.address.in_(part))
+                for row in connection.execute(query).mappings():
+                    found[row["address"]] = State(**row)
+        return found
+
+    def documents(self, addresses: Iterable[str]) -> dict[str, dict[str, Any]]:
+        """Whole reports by address; errored results have none."""
+        found: dict[str, dict[str, Any]] = {}
+        with self._begin() as connection:
+            for part in _parts(addresses):
+                query = sa.select(_results.c.address, _results.c.document).where(
+                    _results.c.address.in_(part), _results.c.status == "ok"
+                )
+                found.update(connection.execute(query).tuples().all())
+        return found
+
+    def artifact(self, address: str, kind: str) -> bytes | None:
+        """The bytes of an artifact, None where there is none."""
+        query = sa.select(_artifacts.c.content).where(
+            _artifacts.c.address == address, _artifacts.c.kind == kind
+        )
+        with self._begin() as connection:
+            content = connection.execute(query).scalar()
+        return None if content is None else bytes(content)
+
+    # ---- runs ----------------------------------------------------------------------------------
+
+    def begin_run(self, suite: str, version: str) -> int:
+        """Note that a run has begun; one that never finishes is in no report."""
+        row = {"suite": suite, "started": _now(), "version": version}
+        with self._begin() as connection:
+            made = connection.execute(_runs.insert().values(row).returning(_runs.c.id))
+            return int(made.scalar_one())
+
+    def finish_run(
+        self, run: int, entries: Sequence[Entry], *, seconds: float, done: int
+    ) -> None:  # fmt: skip
+        """Keep a run's verdicts."""
+        counts: dict[str, int] = {}
+        for entry in entries:
+            counts[entry.verdict] = counts.get(entry.verdict, 0) + 1
+        rows = [
+            {
+                **{name: getattr(entry, name) for name in Entry.__dataclass_fields__},
+                "run": run, "tags": list(entry.tags), "changes": [dict(c) for c in entry.changes],
+            }
+            for entry in entries
+        ]  # fmt: skip
+        with self._begin() as connection:
+            if rows:
+                connection.execute(_entries.insert(), rows)
+            connection.execute(
+                _runs.update()
+                .where(_runs.c.id == run)
+                .values(finished=_now(), seconds=seconds, done=done, counts=counts)
+            )
+
+    def runs(self, suite: str, limit: int = 60) -> list[Run]:
+        """The last finished runs, oldest first."""
+        query = (
+            sa.select(_runs)
+            .where(_runs.c.suite == suite, _runs.c.finished.is_not(None))
+            .order_by(_runs.c.id.desc())
+            .limit(limit)
+        )
+        with self._begin() as connection:
+            found = [Run(**row) for row in connection.execute(query).mappings()]
+        return found[::-1]
+
+    def entries(self, run: int) -> list[Entry]:
+        """A run's verdicts by clip."""
+        query = sa.select(_entries).where(_entries.c.run == run).order_by(_entries.c.clip)
+        with self._begin() as connection:
+            rows = [dict(row) for row in connection.execute(query).mappings()]
+        for row in rows:
+            row.pop("run")
+            row["tags"], row["changes"] = tuple(row["tags"]), tuple(row["changes"])
+        return [Entry(**row) for row in rows]
+
+    def tracks(self, runs: Sequence[int]) -> dict[str, list[tuple[int, str | None]]]:
+        """For every clip the address of its result in each of these runs."""
+        query = (
+            sa.select(_entries.c.clip, _entries.c.run, _entries.c.address)
+            .where(_entries.c.run.in_(list(runs)))
+            .order_by(_entries.c.run)
+        )
+        found: dict[str, list[tuple[int, str | None]]] = {}
+        with self._begin() as connection:
+            for clip, run, address in connection.execute(query).tuples():
+                found.setdefault(clip, []).append((run, address))
+        return found
+
+    # ---- baselines -----------------------------------------------------------------------------
+
+    def baseline(self, suite: str) -> dict[str, Accepted]:
+        """What is accepted now, by clip; the latest acceptance of a clip is in force."""
+        query = sa.select(_baselines).where(_baselines.c.suite == suite).order_by(_baselines.c.id)
+        found: dict[str, Accepted] = {}
+        with self._begin() as connection:
+            for row in connection.execute(query).mappings():
+                found[row["clip"]] = Accepted(
+                    address=row["address"], note=row["note"], accepted=row["accepted"],
+                    run=row["run"],
+                )  # fmt: skip
+        return found
+
+    def accept(
+        self, suite: str, accepted: Mapping[str, str | None], *, run: int, note: str
+    ) -> None:
+        """Make these results the baseline of their clips; None accepts that a clip is gone."""
+        moment = _now()
+        rows = [
+            {"suite": suite, "clip": clip, "address": address, "run": run, "note": note,
+             "accepted": moment}
+            for clip, address in sorted(accepted.items())
+        ]  # fmt: skip
+        if rows:
+            with self._begin() as connection:
+                connection.execute(_baselines.insert(), rows)
+
+
+def _sqlite_settings(connection: Any, _: object) -> None:
+    """Readers beside a writer, a wait instead of 'locked', foreign keys as PostgreSQL has them."""
+    # Transactions are begun by us: the driver's own way leaves DDL outside of them.
+    connection.isolation_level = None
+    for pragma in ("journal_mode=WAL", "busy_timeout=30000", "foreign_keys=ON",
+                   "synchronous=NORMAL"):  # fmt: skip
+        connection.execute(f"PRAGMA {pragma}")
+
+
+def _shown(url: str) -> str:
+    """A URL without its password."""
+    try:
+        return sa.make_url(url).render_as_string(hide_password=True)
+    except sa.exc.ArgumentError:
+        return url
+
+
+def _parts(values: Iterable[str]) -> Iterator[list[str]]:
+    every = sorted(set(values))
+    for start in range(0, len(every), _CHUNK):
+        yield every[start : start + _CHUNK]
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")
