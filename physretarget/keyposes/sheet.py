@@ -50,7 +50,7 @@ def sheet(
 
     Raises:
         InputError: there are no key poses.
-        NoDisplayError: nothing to draw with is installed.
+        NoRenderingError: nothing to draw with is installed.
     """
     settings = settings or SheetSettings()
     if not keyposes.poses:

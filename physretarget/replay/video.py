@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget.errors import InputError, MissingExtraError, UsageError
-from physretarget.replay.gl import Canvas, choose_backend
+from physretarget.gl import Canvas, choose_backend
 from physretarget.replay.scene import Mark, Scene
 from physretarget.replay.stage import Stage
 

@@ -240,8 +240,6 @@ def _at_least(value: float, smallest: float = 0.01) -> float | str:
 
 def _sections(result: Retargeted, mapper: TrainedMapper) -> dict[str, dict[str, object]]:
     meta = result.clip.meta
-    seconds = {name: f"{value:.3f} s" for name, value in result.seconds.items()}
-    total = sum(result.seconds.values())
     return {
         "Inputs": {
             "capture": result.motion.source.name,
@@ -255,9 +253,5 @@ def _sections(result: Retargeted, mapper: TrainedMapper) -> dict[str, dict[str, 
             **meta["settings"],
             "mapper": mapper.mapper.name,
             "version": meta["tool"]["version"],
-        },
-        "Time taken": {
-            **seconds,
-            "all stages": f"{total:.3f} s for {result.clip.duration:.2f} s of animation",
         },
     }

@@ -84,7 +84,7 @@ def scene(motion: Motion) -> Scene:
 
 @pytest.fixture(scope="session")
 def backend() -> str:
-    from physretarget.replay.gl import NoRenderingError, choose_backend
+    from physretarget.gl import NoRenderingError, choose_backend
 
     try:
         return choose_backend()

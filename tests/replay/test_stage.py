@@ -9,8 +9,9 @@ import mujoco
 import numpy as np
 import pytest
 
+from physretarget import gl
 from physretarget.errors import MissingExtraError, PhysretargetError, UsageError
-from physretarget.replay import gl, video, window
+from physretarget.replay import video, window
 from physretarget.replay.stage import Stage, drawn_weights
 
 

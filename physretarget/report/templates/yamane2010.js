@@ -22,12 +22,12 @@
   buttons.forEach((button, k) => button.addEventListener("click", () => show(k)));
   show(0);
 
-  for (const place of document.querySelectorAll("[data-strip]")) {
+  function draw(place) {
     const { scene, rows } = data.strips[Number(place.dataset.strip)];
     const times = Array.from(physretarget.frameTimes(scene.time));
     physretarget.filmstrip(place, scene, { rows, times });
     place.querySelectorAll(".fs-cell").forEach((cell) => { cell.disabled = true; });
-    if (place.dataset.numbered === undefined) continue;
+    if (place.dataset.numbered === undefined) return;
     // Takes differ in length: the columns are parts of each, not seconds.
     const name = (k) => `${Math.round((100 * (k + 0.5)) / times.length)} %`;
     place.querySelectorAll(".fs-time").forEach((head, k) => { head.textContent = name(k); });
@@ -36,4 +36,11 @@
       cell.firstChild.setAttribute("aria-label", cell.title);
     });
   }
+  // A browser keeps some sixteen WebGL pictures at once: a strip starts as it comes into sight.
+  const watch = new IntersectionObserver((entries) => entries.forEach((entry) => {
+    if (!entry.isIntersecting) return;
+    watch.unobserve(entry.target);
+    draw(entry.target);
+  }), { rootMargin: "300px" });
+  document.querySelectorAll("[data-strip]").forEach((place) => watch.observe(place));
 })();

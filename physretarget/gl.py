@@ -26,7 +26,7 @@ _TIMEOUT_S = 60
 _TRIAL = """
 import sys
 import mujoco
-from physretarget.replay.gl import Canvas
+from physretarget.gl import Canvas
 model = mujoco.MjModel.from_xml_string("<mujoco/>")
 with Canvas(model, 8, 8, backend=sys.argv[1]) as canvas:
     data = mujoco.MjData(model)
@@ -56,9 +56,9 @@ def choose_backend() -> str:
             return backend
         reasons.append(f"{backend} ({reason})")
     raise NoRenderingError(
-        f"video needs OpenGL, and none works here: {'; '.join(reasons)}. Install EGL "
-        "(Debian: apt install libegl1 libgl1-mesa-dri) or OSMesa (apt install libosmesa6), "
-        "or write --html, which needs neither."
+        f"pictures need OpenGL, and none works here: {'; '.join(reasons)}. Install EGL "
+        "(Debian: apt install libegl1 libgl1-mesa-dri) or OSMesa (apt install libosmesa6). "
+        "An HTML replay (--html) needs neither."
     )
 
 
