@@ -23,8 +23,8 @@ from physretarget.reproduce.studies import SHOWN_DIMS
 from physretarget.reproduce.takes import STRIP
 
 HERO = (("dance", "dance_a"), ("dance", "dance_b"), ("happy", "walk"), ("angry", "walk"))
-FILM_ACTIONS = ("bye", "walk")
-FIGURE_7 = ("happy", "bow")
+FILM_ACTIONS = ("bow", "bye", "walk")
+FIGURE_7 = ("happy", "walk")
 CURVES = "walk"
 WORDS = {
     "angry": "angry",

@@ -23,8 +23,17 @@ from physretarget.files import npz_bytes, write_file
 
 Array = NDArray[np.float64]
 
-# Of these modules nothing flows into a number.
-_BESIDE = ("cli", "face", "groundtruth", "reproduce/page.py", "reproduce/drawing.py")
+# Nothing of these flows into a number that is kept: other commands, and what draws the page.
+_BESIDE = (
+    "cli/",
+    "conversion/",
+    "face/",
+    "groundtruth/",
+    "suite/",
+    *(f"reproduce/{name}.py" for name in ("drawing", "explain", "page", "results", "scenes")),
+    *(f"reproduce/{name}.py" for name in ("tables", "yamane")),
+    "report/templates/yamane2010",
+)
 
 
 @dataclass(frozen=True, eq=False)
