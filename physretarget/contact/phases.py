@@ -113,14 +113,20 @@ def read_phases(path: str | PathLike[str], *, time: Floats | None = None) -> Pha
     """
     try:
         text = Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as why:
-        raise InputError(f"the contact file cannot be read: {why}", path=path) from why
+    except OSError as why:
+        raise InputError(f"cannot be read: {why.strerror}.", path=path) from why
+    except UnicodeDecodeError as why:
+        raise InputError("is not text (UTF-8).", path=path) from why
     try:
         table = tomllib.loads(text)
     except tomllib.TOMLDecodeError as why:
         found = re.search(r"at line (\d+)", str(why))
         line = int(found[1]) if found else text.count("\n") + 1
         raise InputError(f"not valid TOML: {why}", path=path, line=line) from why
+    if not table:
+        raise InputError(
+            "the contact file is empty: it needs points or [[phase]] tables.", path=path
+        )
     lines = [n for n, row in enumerate(text.splitlines(), 1) if row.strip() == "[[phase]]"]
     intervals = _intervals(table, lines, path)
     names = _names(table, path)

@@ -90,3 +90,10 @@ def test_what_is_wrong_is_said_with_its_line(tmp_path, text, line, says):
 def test_a_missing_file(tmp_path):
     with pytest.raises(InputError, match=r"none\.toml"):
         read_phases(tmp_path / "none.toml")
+
+
+def test_an_empty_file_is_no_timetable(tmp_path: Path) -> None:
+    path = tmp_path / "contacts.toml"
+    path.write_text("")
+    with pytest.raises(InputError, match="empty"):
+        read_phases(path)
