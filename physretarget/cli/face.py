@@ -17,6 +17,7 @@ from physretarget.face.formats import read_shots, read_take, write_shot
 from physretarget.face.library import Library, LibrarySettings
 from physretarget.face.match import PLACEMENTS, MatchSettings, Result, match
 from physretarget.face.reduce import Reducer, reduce_curve
+from physretarget.face.report import take_report, write_report
 from physretarget.face.rig import Rig
 from physretarget.face.screen import METHODS, Method
 from physretarget.face.shot import Shot
@@ -105,15 +106,14 @@ def match_command(
         lips=lips,
     )
     take = read_take(capture, fps=fps)
+    shots = Library.load(library)
     span = None
     if start is not None or end is not None:
         span = (start if start is not None else 0.0, end if end is not None else take.time[-1])
     used = Rig.of(take) if rig is None else Rig.load(rig)
     pins = {} if locked is None else _locked(locked)
     with progress("matching") as stage:
-        result = match(
-            take, Library.load(library), used, settings, span=span, locked=pins, progress=stage
-        )
+        result = match(take, shots, used, settings, span=span, locked=pins, progress=stage)
     for loss in write_shot(out, result.shot()):
         say(loss)
     dense = len(result.take.time)
@@ -123,6 +123,9 @@ def match_command(
     )
     if report is not None:
         _write_report(report, result)
+        with progress("report"):
+            write_report(report / "index.html", take_report(result, used, shots))
+        say(f"{report / 'index.html'}: every channel on a timeline; click a key for its source.")
 
 
 def _locked(path: Path) -> dict[str, tuple[Key, ...]]:
