@@ -140,8 +140,8 @@ def markdown(found: Reproduction) -> str:
         "frames from the capture's to the result's nearest. Spacing (s) and handles (part of the "
         "span): Wasserstein distance to the library's distribution, 0 is the animators' own. Flat: "
         "share of flat tangents, holds: of held spans (both of key sides and spans that move less "
-        "than 1 % of the curve's range). The library's own row counts keys per 4 s. Cost: seconds of computing per take, one "
-        "process, this machine.\n",
+        "than 1 % of the curve's range). The library's own row counts keys per 4 s. Cost: seconds "
+        "of computing per take, one process, this machine.\n",
         _table(
             ("", "placement", "keys", "error", "turning points", "spacing", "handles", "flat",
              "holds", "cost, s"),

@@ -306,16 +306,18 @@ def _written(name: str, index: int, curve: Curve, rate: float, losses: list[str]
     for k, key in enumerate(curve.keys):
         words = [repr(key.time * rate), repr(key.value)]
         sides = []
-        for side, kind, offset in (
-            (-1, key.in_type, tangents.into[k]),
-            (1, key.out_type, tangents.out[k]),
-        ):
-            dx, dy = side * float(offset[0]), side * float(offset[1])
-            label = _label(kind, points, k, side, (float(offset[0]), float(offset[1])))
+        offsets = (tangents.into[k], tangents.out[k])
+        for which, kind in enumerate((key.in_type, key.out_type)):
+            dx, dy = (float(x) for x in offsets[which])
+            label = _label(kind, points, k, 2 * which - 1, (dx, dy))
             changed += label == "fixed" and kind in _WRITTEN
             words.append(label)
             if label == "fixed":
-                sides += [repr(math.degrees(math.atan2(dy, dx))), repr(math.hypot(dx, dy))]
+                # A handle of no length has no angle of its own: it takes the other side's.
+                lean = offsets[which] if dx or dy else offsets[1 - which]
+                side = 2 * which - 1 if dx or dy else 1 - 2 * which
+                angle = math.degrees(math.atan2(side * lean[1], side * lean[0] + 0.0))
+                sides += [repr(angle + 0.0), repr(math.hypot(dx, dy))]
         words += ["0" if key.broken else "1", "0", "0", *sides]
         rows.append("    " + " ".join(words) + ";")
     if changed:
