@@ -18,7 +18,7 @@ from physretarget.face.library import Library, Segment
 
 Array = NDArray[np.float64]
 _POINTS = 17
-_ALIKE = 0.04  # of the rise: shapes no further apart than this anywhere are one template
+_ALIKE = 0.02  # of the rise: shapes no further apart than this anywhere are one template
 _LEAST_HANDLE = 0.05  # of the span: shorter tangents leave the slope at the key undefined
 
 
@@ -121,7 +121,7 @@ def make_bank(
     usable: Callable[[str], bool] = lambda channel: True,
     *,
     phrases: bool = True,
-    most_spans: int = 48,
+    most_spans: int = 96,
     most_phrases: int = 400,
 ) -> Bank:
     """Templates of every segment whose library channel is usable, the commonest first."""
@@ -240,8 +240,10 @@ def _leaders(rows: Array) -> NDArray[np.intp]:
 
 def _template(members: list[_Entry]) -> Template:
     members = sorted(members, key=lambda m: (m[2], m[0].example, m[0].first))
+    tables = np.stack([m[1] for m in members])
+    apart = np.abs(tables - np.median(tables, axis=0)).sum(axis=(1, 2))
     return Template(
-        members[0][1],
+        members[int(np.argmin(apart))][1],  # one that an animator made, the least unusual
         np.array([(m[0].example, m[0].first, m[0].last) for m in members], dtype=np.intp),
         np.array([m[2] for m in members]),
         np.array([m[3] for m in members]),
