@@ -18,7 +18,7 @@ from typing import Any, Literal
 
 from physretarget import capture
 from physretarget.clip import Clip, load_clip
-from physretarget.errors import PhysretargetError
+from physretarget.errors import InputError, PhysretargetError
 from physretarget.keyposes import load_keyposes
 from physretarget.mjcf import Character
 from physretarget.pipeline import RetargetSettings, retarget
@@ -85,16 +85,15 @@ def perform(job: Job, root: str | None = None) -> Outcome:
             artifacts["clip"] = clip.to_bytes()
         document = report.to_dict()
     except PhysretargetError as error:
-        # Paths are shown as the suite file has them, wherever the work was done.
-        message = str(error).replace(f"{base}/", "")
-        return _errored(job, message, started)
+        return _errored(job, _told(error, base / job.inputs["clip"]), started)
     except MemoryError:
         return _errored(job, "not enough memory to judge it.", started, transient=True)
     except Exception as error:
         # The suite goes on: one clip that meets a bug must not take the night with it.
         return _errored(job, f"bug: {type(error).__name__}: {error}", started)
-    document["clip"]["path"] = job.inputs["clip"]
-    document["model"]["path"] = job.inputs["model"]
+    # A result is found by content: where the files lay when it was made says nothing.
+    document["clip"]["path"] = Path(job.inputs["clip"]).name
+    document["model"]["path"] = Path(job.inputs["model"]).name
     return Outcome(
         address=job.address,
         status="ok",
@@ -102,6 +101,15 @@ def perform(job: Job, root: str | None = None) -> Outcome:
         artifacts=artifacts,
         seconds=clock.perf_counter() - started,
     )
+
+
+def _told(error: PhysretargetError, clip: Path) -> str:
+    """What went wrong; the clip itself is not named, its entry does that."""
+    if isinstance(error, InputError) and error.path == str(clip):
+        places = [f"line {error.line}"] if error.line is not None else []
+        places += [f"frame {error.frame}"] if error.frame is not None else []
+        return ": ".join([*places, error.message])
+    return str(error).replace(f"{clip}: ", "")
 
 
 def _errored(job: Job, message: str, started: float, *, transient: bool = False) -> Outcome:

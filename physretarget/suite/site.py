@@ -283,15 +283,20 @@ def _measure_rows(
 
 
 def _step(now: float | None, before: float | None) -> str:
-    if now is None or before is None or now == before:
+    if now is None or before is None or _alike(now, before):
         return ""
     return f"{'+' if now > before else ''}{number(float(f'{now - before:.3g}'))}"
+
+
+def _alike(a: float, b: float) -> bool:
+    """Equal as far as anybody could read: rounding must not look like news."""
+    return abs(a - b) <= 1e-4 * max(abs(a), abs(b))
 
 
 def sparkline(values: Sequence[float | None]) -> Markup:
     """A small line of the values; nothing where nothing changed."""
     known = [v for v in values if v is not None]
-    if len(known) < 2 or min(known) == max(known):
+    if len(known) < 2 or _alike(min(known), max(known)):
         return Markup("")
     low, span = min(known), max(known) - min(known)
     places = [

@@ -282,7 +282,7 @@ class Store:
                 query = sa.select(_results.c.address, _results.c.document).where(
                     _results.c.address.in_(part), _results.c.status == "ok"
                 )
-                found.update(connection.execute(query).tuples().all())
+                found.update((row[0], row[1]) for row in connection.execute(query))
         return found
 
     def artifact(self, address: str, kind: str) -> bytes | None:
@@ -357,7 +357,7 @@ class Store:
         )
         found: dict[str, list[tuple[int, str | None]]] = {}
         with self._begin() as connection:
-            for clip, run, address in connection.execute(query).tuples():
+            for clip, run, address in connection.execute(query):
                 found.setdefault(clip, []).append((run, address))
         return found
 
