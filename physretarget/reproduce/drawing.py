@@ -26,6 +26,7 @@ STYLE = {
     "axes.titlesize": 10,
     "axes.titlelocation": "left",
     "axes.grid": True,
+    "axes.axisbelow": True,
     "grid.color": "#e6e9ef",
     "legend.frameon": False,
     "svg.hashsalt": "physretarget",

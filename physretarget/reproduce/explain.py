@@ -6,10 +6,11 @@ from collections.abc import Mapping
 from typing import Any
 
 _WHY = {
-    "CON001": "the contact adjustment keeps planted points on the floor, the limbs between them "
-    "are not held up by it",
-    "CON002": "the body turns or travels about a support that the capture does not name as "
-    "planted: a heel-to-toe roll, or a step shorter than the detection resolves",
+    "CON001": "contact points are kept above the floor, the rounded body of a tilted or swinging "
+    "foot between them is not",
+    "CON002": "short legs lift the swinging foot so little that it passes within validation's "
+    "contact tolerance, and its force fit leans on it; points that the contact stage has planted "
+    "stand still",
     "CON003": "the actor stands on a part that the character has not, or a hop was shortened",
     "CON004": "the actor's foot shuffles: contacts begin and end in quick succession",
     "DYN001": "the horizontal force comes from the actor's momentum and from steps or hops "

@@ -116,6 +116,8 @@ def _physics_of(pieces: Sequence[Piece]) -> Row:
         "after": after,
         "fall": 1 - after / before,
         "bound": rms("bound"),
+        "pull_before": rms("pull_before"),
+        "pull_after": rms("pull_after"),
         "displacement": max(f["displacement"] / f["height"] for f in facts),
         "ballistic_before": rms("ballistic_before"),
         "ballistic_after": rms("ballistic_after"),
@@ -124,9 +126,17 @@ def _physics_of(pieces: Sequence[Piece]) -> Row:
         "momentum": max(f["momentum_error"] for f in facts),
         "errors": sum(f["errors"] for f in facts),
         "warnings": sum(f["warnings"] for f in facts),
-        "sinks": any(f["sink"] > PENETRATION_LIMIT for f in facts),
+        "deepest": max(_deepest(f) for f in facts),
+        "loaded_slide": max(f["measures"]["skate_speed_max_m_s"] or 0.0 for f in facts),
+        "sinks": any(_deepest(f) > PENETRATION_LIMIT for f in facts),
         "skates": any(f["skate"] > SKATE_LIMIT for f in facts),
     }
+
+
+def _deepest(facts: Row) -> float:
+    """How deep anything is in the floor, m: any geometry that validation finds, any point."""
+    found = facts["measures"]["penetration_max_m"]
+    return max(float(facts["sink"]), float(found or 0.0))
 
 
 def _take_row(piece: Piece) -> Row:
@@ -226,12 +236,30 @@ def losses(results: Results) -> list[str]:
                 (row for row in rows if row["mapper"] != "sgplvm"),
                 key=lambda row: row["sequence_by_sequence"][sequence],
             )
-            if best["sequence_by_sequence"][sequence] < value:
-                ratio = value / best["sequence_by_sequence"][sequence]
+            ratio = value / best["sequence_by_sequence"][sequence]
+            if ratio > 1.01:
                 beaten.append(f"{sequence} ({best['mapper']}, by {100 * (ratio - 1):.0f} %)")
         if beaten:
             found.append(f"{name}: {', '.join(beaten)}")
     return found
+
+
+def fewer(results: Results) -> str:
+    """Who reaches farthest without the extremes, in a sentence."""
+    cases = [case for piece in results.studies["reach"].values() for case in piece.facts["cases"]]
+
+    def ahead(other: str, key: str) -> int:
+        by = [{row["mapper"]: row[key] for row in case["rows"]} for case in cases]
+        return sum(one["sgplvm"] <= one[other] for one in by)
+
+    counts = ", ".join(
+        f"{other} in {ahead(other, 'height_error')} and {ahead(other, 'head_error')}"
+        for other in ("gp", "pca", "nn3", "nn10")
+    )
+    return (
+        f"Of {len(cases)} cases, the shared GPLVM is at least as near in height and in head "
+        f"direction as {counts}."
+    )
 
 
 def cost(results: Results) -> Row:

@@ -105,6 +105,8 @@ def _figures_of(result: Retargeted, report: Report) -> dict[str, Any]:
         "slide_mm": 1000 * contacted.slide_max_m,
         "mismatch_before": physical.mismatch_before / weight,
         "mismatch_after": physical.mismatch_after / weight,
+        "pull_before": physical.pull_before / weight,
+        "pull_after": physical.pull_after / weight,
         "bound": _finite(physical.bound_rms / weight),
         "displacement": float(np.abs(physical.displacement).max()),
         "ballistic_before": _finite(physical.ballistic_vertical_before),
