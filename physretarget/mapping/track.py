@@ -20,8 +20,10 @@ __all__ = ["Tracker", "track"]
 
 Array = NDArray[np.float64]
 
-STEPS = 3
-"""Scoring steps per frame at most; two or three are typical."""
+STEPS = 4
+"""Steps per frame at most."""
+TRUST = 0.3
+"""Share of the predicted gain below which the curvature is taken anew."""
 REST = 3e-5
 """Decrease of the negative log-posterior per feature at which a frame rests."""
 
@@ -120,33 +122,42 @@ class _Frame:
         return _Point(self, x)
 
     def descended(self, point: _Point) -> Array:
-        damping = 0.0
+        """The curvature changes little on the way: it is kept while it predicts the gain."""
+        downhill: Array = np.empty((0, 0))
+        stale, damping = True, 0.0
         for _ in range(STEPS):
-            gradient, curvature = self._slope(point)
-            if damping:
-                curvature.ravel()[:: len(gradient) + 1] *= 1.0 + damping
-            step = np.linalg.solve(curvature, -gradient)
-            new = self.at(point.x + step)
+            slope, gradient = self._slope(point)
+            if stale:
+                downhill = np.asarray(
+                    np.linalg.inv(self._curvature(point, slope, damping)), dtype=np.float64
+                )
+            step = downhill @ gradient
+            new = self.at(point.x - step)
             gain = point.value - new.value
-            if gain > 0.0:
-                point = new
-                damping *= 0.2
-            else:
-                damping = max(10.0 * damping, 1.0)
-            if abs(gain) < REST * self.width or -0.5 * float(gradient @ step) < REST * self.width:
+            stale = gain < TRUST * 0.5 * float(gradient @ step)
+            if gain < 0.0:
+                damping = max(4.0 * damping, 1.0)
+                continue
+            point, damping = new, 0.0
+            if gain < REST * self.width:
                 break
         return point.x
 
     def _slope(self, at: _Point) -> tuple[Array, Array]:
-        """Gradient (DX,) and expected curvature (DX, DX)."""
+        """Derivatives of the kernel by x (N, DX), and the gradient (DX,)."""
         posterior = self.tracker.model.actor
         slope = (posterior.kernel.sharpness * at.bump)[:, None] * (posterior.inputs - at.x)
-        by_residual = 2.0 * ((at.pulled - self.pulled) @ slope)
+        weight = (self.width - at.residual / at.variance) / at.variance
+        pull = (at.pulled - self.pulled) / at.variance - weight * at.solved
+        return slope, pull @ slope + self.precision * (at.x - self.led)
+
+    def _curvature(self, at: _Point, slope: Array, damping: float) -> Array:
+        """The expected one (DX, DX): Fisher's information and the prior."""
         by_variance = -2.0 * (at.solved @ slope)
-        weight = 0.5 * (self.width - at.residual / at.variance) / at.variance
-        gradient = 0.5 * by_residual / at.variance + weight * by_variance
-        gradient += self.precision * (at.x - self.led)
         curvature = slope.T @ (self.tracker.gram @ slope) / at.variance
         curvature += 0.5 * self.width / at.variance**2 * np.outer(by_variance, by_variance)
-        curvature.ravel()[:: len(gradient) + 1] += self.precision
-        return gradient, curvature
+        diagonal = curvature.ravel()[:: len(at.x) + 1]
+        diagonal += self.precision
+        diagonal *= 1.0 + damping
+        result: Array = curvature
+        return result

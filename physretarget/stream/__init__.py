@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from physretarget import momentum
 from physretarget.capture.actor import CONTACT_POINTS, NQ, ActorShape
 from physretarget.errors import InputError
-from physretarget.kinematics import quat_multiply
 from physretarget.mapping.track import track
 from physretarget.mjcf import Points
 from physretarget.stream.body import Body, Solver
@@ -30,6 +29,7 @@ __all__ = ["PlantSettings", "Posed", "Streamer"]
 
 Array = NDArray[np.float64]
 
+NOWHERE = np.zeros(2)
 CONTACT_WEIGHT = 1e3
 """Of each contact point against 1 for each virtual marker."""
 
@@ -61,11 +61,12 @@ class Streamer:
         self.tracker = track(mapper.mapper)
         self.actor = Body(mapper.actor)
         self.body = Body(character)
-        self.pose = Solver(character, character.markers, steps=3)
+        self.pose = Solver(character, character.markers, steps=2)
         self.pose.lock(np.arange(character.root_dof, character.root_dof + 2))
         both = _joined(character.markers, character.contacts)
         self.plant = Solver(character, both, steps=2)
         self.weight = np.ones(len(both))
+        self.own_heading = Heading(character.front, character.up)
         self.actor_heading = Heading(mapper.actor.front, mapper.actor.up)
         one = np.ones((1, 3, 3))
         self.placer = Placer(momentum.scales(character, one, mapper.actor, one).size)
@@ -121,14 +122,15 @@ class Streamer:
 
     def _facing_forward(self, qpos: Array) -> Array:
         self.body.pose(qpos)
-        heading = Heading(self.character.front, self.character.up)
-        return self._moved(qpos, -heading.next(self.body.frame()[1]), np.zeros(2))
+        self.own_heading.yaw = None  # each pose on its own, as in the batch path
+        return self._moved(qpos, -self.own_heading.next(self.body.frame()[1]), NOWHERE)
 
     def _moved(self, qpos: Array, yaw: float, place: Array) -> Array:
         at = self.character.root_qpos
         moved = np.array(qpos)
-        turn = np.array([math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)])
-        moved[at + 3 : at + 7] = quat_multiply(turn, qpos[at + 3 : at + 7])
+        c, s = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
+        w, x, y, z = qpos[at + 3 : at + 7].tolist()
+        moved[at + 3 : at + 7] = (c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w)
         moved[at : at + 2] = place
         return moved
 

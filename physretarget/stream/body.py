@@ -41,8 +41,9 @@ class Body:
 
     def points(self, points: Points) -> Array:
         """World places (K, 3) of points in the present pose."""
-        turned = self.data.xmat[points.body].reshape(-1, 3, 3) @ points.local[:, :, None]
-        result: Array = self.data.xpos[points.body] + turned[:, :, 0]
+        turn = self.data.xmat[points.body].reshape(-1, 3, 3)
+        result: Array = np.einsum("kij,kj->ki", turn, points.local)
+        result += self.data.xpos[points.body]
         return result
 
     def frame(self) -> tuple[Array, Array]:

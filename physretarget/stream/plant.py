@@ -51,6 +51,8 @@ class Planter:
         tied = [CONTACT_POINTS.index(t) if t in CONTACT_POINTS else -1 for t in character.tied]
         self.tied = np.array(tied, dtype=np.int64)
         count = len(tied)
+        bodies = character.contacts.body
+        self.same = bodies[:, None] == bodies[None]
         self.active = np.zeros(count, dtype=bool)
         self.target = np.zeros((count, 3))
         self.correction = np.zeros((count, 3))
@@ -62,6 +64,10 @@ class Planter:
         self.sunk = np.zeros(count, dtype=bool)
         self.shift, self.shift_residual, self.shift_since = np.zeros(3), np.zeros(3), np.inf
 
+    def _with(self, points: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """(n,) which points are on one body with any of ``points`` (n,)."""
+        return np.asarray((self.same & points).any(axis=1))
+
     @property
     def held(self) -> NDArray[np.bool_]:
         """(n,) which points stand and have come to rest where they shall."""
@@ -71,8 +77,7 @@ class Planter:
     @property
     def idle(self) -> NDArray[np.bool_]:
         """(n,) which points are free while another one of the same body stands."""
-        bodies = self.character.contacts.body
-        return ~self.active & np.isin(bodies, bodies[self.active])
+        return ~self.active & self._with(self.active)
 
     def next(self, touch: Touch, place: Array, step: float) -> tuple[Array, Array]:
         """Corrections (n, 3) of points that the motion has at ``place`` (n, 3); shift (3,) of all.
@@ -81,16 +86,15 @@ class Planter:
         """
         told, floor = self.settings, self.character.floor_height
         active = (self.tied >= 0) & touch.active[self.tied]
-        bodies = self.character.contacts.body
         # What sinks while its body stands stands too, until the motion lifts it.
         sunk = (self.reached[:, 2] < floor - SUNK) | self.sunk
-        self.sunk = sunk & np.isin(bodies, bodies[active]) & (place[:, 2] < floor + LIFTED)
+        self.sunk = sunk & self._with(active) & (place[:, 2] < floor + LIFTED)
         active = active | self.sunk
         self.since += step
         self.shift_since += step
         landed, left = active & ~self.active, self.active & ~active
         # A body that stands already is where it is, not where the motion has it.
-        standing = np.isin(bodies, bodies[self.active & active])
+        standing = self._with(self.active & active)
         come = np.where(standing[:, None], self.reached, place + self.correction)
         self.target[landed] = come[landed]
         self.target[landed, 2] = floor
@@ -98,7 +102,7 @@ class Planter:
         away = self.target - place
         far &= np.hypot(away[:, 0], away[:, 1]) > told.reach * self.character.height
         if far.any():  # the whole sole goes along
-            far |= active & np.isin(bodies, bodies[far])
+            far |= active & self._with(far)
             self.target[far] = place[far]
             self.target[far, 2] = floor
         changed = landed | left | far
