@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 _WHY = {
     "CON001": "contact points are kept above the floor, the rounded body of a tilted or swinging "
     "foot between them is not",
@@ -35,11 +32,6 @@ _WHY = {
 }
 
 
-def explain(codes: Mapping[str, Any]) -> str:
-    """One reason per code that fired, gravest first; empty where nothing did."""
-    order = sorted(codes, key=lambda c: (codes[c]["severity"] != "error", -codes[c]["count"]))
-    sentences = []
-    for code in order:
-        why = _WHY.get(code, "see `physretarget rules " + code + "`")
-        sentences.append(f"{code}: {why}.")
-    return " ".join(sentences)
+def explain(code: str) -> str:
+    """The reason why a rule fires on clips of this kind."""
+    return _WHY.get(code, f"see `physretarget rules {code}`")

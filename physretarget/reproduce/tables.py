@@ -147,8 +147,7 @@ def _take_row(piece: Piece) -> Row:
     return {
         "action": facts["action"],
         "page": f"takes/{facts['take']}/report.html",
-        "codes": [{"code": code, **about} for code, about in codes],
-        "why": explain(facts["codes"]),
+        "codes": [{"code": code, "why": explain(code), **about} for code, about in codes],
         "notes": facts["notes"],
         **_physics_of([piece]),
     }

@@ -114,10 +114,7 @@ def test_the_verdict_tells_who_wins() -> None:
 def test_every_motion_rule_has_a_reason() -> None:
     codes = {code for code in (rule.code for rule in RULES) if code[:3] in ("CON", "DYN", "KIN")}
     assert codes <= set(_WHY)
-    text = explain(
-        {"CON002": {"severity": "warning", "count": 9}, "DYN001": {"severity": "error", "count": 1}}
-    )
-    assert text.index("DYN001") < text.index("CON002")
+    assert "rules MDL001" in explain("MDL001")
 
 
 def test_torn_work_is_done_again(tmp_path: Path) -> None:
