@@ -101,13 +101,18 @@ def _sax_score(
     """Distance where the words are as alike as any template's; elsewhere far behind."""
     n = level.shape[1]
     word = min(settings.word, n)
-    sign = np.where(rise < 0, -1.0, 1.0)[:, None]
-    facing = (level * sign if shapes[0, -1] > 0.5 else level).astype(np.float64)
-    one = sax.words(facing, word, settings.alphabet)
-    two = sax.words(shapes.astype(np.float64), word, settings.alphabet)
-    distance = sax.mindist(one, two, n, settings.alphabet)
-    best = distance.min(axis=1, keepdims=True)
-    return np.where(distance <= best + 1e-9, squared, squared + np.float32(1e3)).astype(np.float32)
+    sign = np.where(rise < 0, -1.0, 1.0).astype(np.float32)[:, None]
+    spans = shapes[0, -1] > 0.5  # phrases have had their ramp taken off and keep their direction
+    one = sax.quick_words(level * sign if spans else level, word, settings.alphabet)
+    two = sax.quick_words(shapes, word, settings.alphabet)
+    # Windows repeat themselves: distances are needed once per different word.
+    code = one.astype(np.int64) @ (settings.alphabet ** np.arange(word, dtype=np.int64))
+    _, first, which = np.unique(code, return_index=True, return_inverse=True)
+    distance = sax.mindist(one[first], two, n, settings.alphabet)
+    behind = distance > distance.min(axis=1, keepdims=True) + 1e-9
+    penalty = np.where(behind, np.float32(1e3), np.float32(0.0))
+    score: Array32 = squared + penalty[which.ravel()]
+    return score
 
 
 def _hmm_score(
