@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
+
 from physretarget.clip import Clip
 from physretarget.mjcf import Character
 from physretarget.replay.figures import figure
@@ -56,9 +58,12 @@ def clip_scene(
 
 
 def report_forces(report: Report, frames: int) -> Forces | None:
-    """The contact force that best explains the motion, one arrow at the centre of pressure."""
-    force = report.series.get("contact_force_bw")
-    place = report.series.get("contact_place_m")
-    if force is None or place is None or len(force) != frames:
+    """The contact forces that best explain the motion, one arrow for each body that bears load.
+
+    None where none could be found, or where an uneven clip was judged at other times than it
+    shows.
+    """
+    found = report.forces
+    if found is None or len(found.vector) != frames:
         return None
-    return Forces(place[:, None], force[:, None])
+    return Forces(found.origin.astype(np.float64), found.vector.astype(np.float64))

@@ -136,7 +136,7 @@ def analyse(clip: Clip, character: Character, settings: Settings) -> Analysis:
             qpos=smooth, raw=given, time=time[start:stop],
             keep=slice(first - start, last - start), reach=reach,
         )  # fmt: skip
-        kept.append(analyse_chunk(work, chunk))
+        kept.append({name: _slim(name, s) for name, s in analyse_chunk(work, chunk).items()})
     names = list(kept[0])
     series = {name: np.concatenate([part.pop(name) for part in kept]) for name in names}
     series |= _over_time(character, series, fps, settings.lowpass_hz)
@@ -144,6 +144,16 @@ def analyse(clip: Clip, character: Character, settings: Settings) -> Analysis:
         clip=clip, character=character, settings=settings, time=time, fps=fps,
         tolerance=tolerance, friction=friction, raw=raw, work=work, series=series, uneven=uneven,
     )  # fmt: skip
+
+
+def _slim(name: str, series: NDArray[np.generic]) -> NDArray[np.generic]:
+    """A series as it is kept: in single precision, six digits of whatever it measures.
+
+    The CoM's path will be differentiated and stays as it is.
+    """
+    if name == "given_com" or series.dtype == np.bool_:
+        return series
+    return series.astype(np.float32 if series.dtype.kind == "f" else np.int32)
 
 
 def _over_time(
@@ -165,7 +175,7 @@ def _over_time(
     with np.errstate(divide="ignore", invalid="ignore"):
         demand = np.linalg.norm(required[:, :2], axis=1) / (required[:, 2] - ringing)
     found["friction_demand"] = np.where(required[:, 2] > SUPPORT_BW, demand, np.nan)
-    return found
+    return {name: _slim(name, part) for name, part in found.items()}
 
 
 def _filtered(

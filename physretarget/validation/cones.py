@@ -35,7 +35,8 @@ Bools = NDArray[np.bool_]
 RHO = 1e-7
 # Strong convexity: the residual is as near to its optimum as the gradient is to zero.
 _TOLERANCE = 1e-8
-_ITERATIONS = 30
+# Most frames need fewer steps; those that zigzag begin again from inside the cones.
+_ITERATIONS, _LAST_ITERATIONS = 18, 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,20 +83,57 @@ def fit_forces(
     weight = np.broadcast_to(np.asarray(rho, dtype=np.float64), (frames, points))
     counts = mask.sum(axis=1)
     iterations = 0
-    # Frames with as many points share arrays without padding.
-    for count in np.unique(counts[counts > 0]):
-        rows = np.flatnonzero(counts == count)
-        columns = np.argsort(~mask[rows], axis=1, kind="stable")[:, :count]
-        pick = (rows[:, None], columns)
-        problem = _Problem(
-            _maps(arm[pick], friction), wrench[rows], np.repeat(1 / weight[pick], 3, axis=1)
-        )
-        y, done, used = _solve(problem)
-        scaled = _scaled_force(problem, y)
-        force[pick] = scaled / np.array([1.0, 1.0, friction])
-        residual[rows] = wrench[rows] - _wrench_of(problem, scaled)
+    stuck: list[NDArray[np.int64]] = []
+    # Frames with about as many points share arrays with little padding.
+    for width in np.unique((counts[counts > 0] + 1) // 2 * 2):
+        rows = np.flatnonzero((counts + 1) // 2 * 2 == width)
+        pick, problem = _gathered(arm, mask, weight, wrench, rows, int(width), friction)
+        y, done, used = _newton(problem, _start(problem), _ITERATIONS)
+        _finish(problem, y, rows, pick, friction, force, residual)
         converged[rows], iterations = done, max(iterations, used)
+        stuck.append(rows[~done])
+    rest = np.concatenate(stuck) if stuck else np.zeros(0, dtype=np.int64)
+    if len(rest):
+        pick, problem = _gathered(
+            arm, mask, weight, wrench, rest, int(counts[rest].max()), friction
+        )
+        begun = interior_point(problem.a, problem.b, 1 / problem.inv[:, ::3])
+        y, done, used = _newton(problem, begun, _LAST_ITERATIONS)
+        _finish(problem, y, rest, pick, friction, force, residual)
+        converged[rest], iterations = done, iterations + used
     return ConeFit(force, residual, iterations, converged)
+
+
+def _gathered(
+    arm: Floats, mask: Bools, weight: Floats, wrench: Floats, rows: NDArray[np.int64], width: int,
+    friction: float,
+) -> tuple[tuple[NDArray[np.int64], NDArray[np.int64]], _Problem]:  # fmt: skip
+    """Where the points of some frames are, and their problem, padded to ``width`` points.
+
+    A point that is not there maps every force to nothing.
+    """
+    width = min(width, mask.shape[1])
+    columns = np.argsort(~mask[rows], axis=1, kind="stable")[:, :width]
+    pick = (rows[:, None], columns)
+    there = mask[pick]
+    maps = _maps(arm[pick], friction).reshape(len(rows), width, 3, 6)
+    maps *= there[..., None, None]
+    inv = np.repeat(1 / np.where(there, weight[pick], 1.0), 3, axis=1)
+    return pick, _Problem(maps.reshape(len(rows), -1, 6), wrench[rows], inv)
+
+
+def _finish(
+    problem: _Problem,
+    y: Floats,
+    rows: NDArray[np.int64],
+    pick: tuple[NDArray[np.int64], NDArray[np.int64]],
+    friction: float,
+    force: Floats,
+    residual: Floats,
+) -> None:
+    scaled = _scaled_force(problem, y)
+    force[pick] = scaled / np.array([1.0, 1.0, friction])
+    residual[rows] = problem.b - _wrench_of(problem, scaled)
 
 
 def _maps(arm: Floats, friction: float) -> Floats:
@@ -111,27 +149,20 @@ def _maps(arm: Floats, friction: float) -> Floats:
     return maps.reshape(len(arm), -1, 6)
 
 
-def _solve(problem: _Problem) -> tuple[Floats, Bools, int]:
-    rows = problem.inv.shape[1]
-    y = problem.b / (problem.inv.mean(axis=1, keepdims=True) * rows / 3)
-    y, done, used = _newton(problem, y)
-    stuck = np.flatnonzero(~done)
-    if len(stuck):
-        part = problem.take(stuck)
-        begun = interior_point(part.a, part.b, 1 / part.inv[:, ::3])
-        y[stuck], done[stuck], more = _newton(part, begun)
-        used += more
-    return y, done, used
+def _start(problem: _Problem) -> Floats:
+    """A residual as small as it would be with all points sharing the load."""
+    y: Floats = problem.b / (problem.inv.sum(axis=1, keepdims=True) / 3)
+    return y
 
 
-def _newton(problem: _Problem, y: Floats) -> tuple[Floats, Bools, int]:
+def _newton(problem: _Problem, y: Floats, most: int) -> tuple[Floats, Bools, int]:
     """Newton steps with Armijo backtracking until the gradient vanishes."""
     y = y.copy()
     done = np.zeros(len(y), dtype=bool)
     goal = _TOLERANCE * np.maximum(1.0, np.abs(problem.b).max(axis=1))
     live = np.arange(len(y))
     used = 0
-    while used < _ITERATIONS:
+    while used < most:
         used += 1
         part = problem.take(live)
         gradient, step = _step(part, y[live])

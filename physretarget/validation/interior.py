@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 _ITERATIONS = 40
-_GAP = 1e-10
+_GAP = 1e-8
 # Steps keep this share of the way to the cone's boundary.
 _SHARE = 0.99
 _UNIT = np.array([0.0, 0.0, 1.0])

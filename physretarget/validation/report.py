@@ -100,8 +100,8 @@ class UsedSettings:
 class ContactForces:
     """The contact forces that were found, to be drawn: origin (T, 4, 3) m, vector (T, 4, 3) BW."""
 
-    origin: NDArray[np.float64]
-    vector: NDArray[np.float64]
+    origin: NDArray[np.float32]
+    vector: NDArray[np.float32]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -121,7 +121,7 @@ class Report:
     findings: tuple[Finding, ...]
     coverage: tuple[Coverage, ...]
     literature: Mapping[str, Any] = field(default_factory=dict)
-    series: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    series: Mapping[str, NDArray[np.floating[Any]]] = field(default_factory=dict)
     forces: ContactForces | None = None
     accepted: int = 0
 

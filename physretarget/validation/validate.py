@@ -132,15 +132,21 @@ def _used(analysis: Analysis) -> UsedSettings:
 def _forces(analysis: Analysis) -> ContactForces | None:
     if "arrow_force" not in analysis.has:
         return None
-    return ContactForces(origin=analysis["arrow_origin"], vector=analysis["arrow_force"])
+    return ContactForces(
+        origin=np.asarray(analysis.series["arrow_origin"], dtype=np.float32),
+        vector=np.asarray(analysis.series["arrow_force"], dtype=np.float32),
+    )
 
 
-def _series(analysis: Analysis) -> dict[str, NDArray[np.float64]]:
-    series = {shown: analysis[name] for shown, name in _SERIES.items() if name in analysis.has}
+def _series(analysis: Analysis) -> dict[str, NDArray[np.float32]]:
+    def kept(name: str) -> NDArray[np.float32]:
+        return np.asarray(analysis.series[name], dtype=np.float32)
+
+    series = {shown: kept(name) for shown, name in _SERIES.items() if name in analysis.has}
     for shown, name in (
         ("required_force_vertical_bw", "required_force"),
         ("contact_force_vertical_bw", "contact_force"),
     ):
         if name in analysis.has:
-            series[shown] = analysis[name][:, 2]
+            series[shown] = kept(name)[:, 2].copy()
     return series

@@ -12,9 +12,9 @@ import pytest
 
 from physretarget.clip import Clip
 from physretarget.mjcf import Character
+from physretarget.report.rules import rules_page
 from physretarget.validation import BY_CODE, RULES, Report, Settings, validate
 from physretarget.validation.codes import RETIRED
-from physretarget.validation.rules_page import rules_page
 
 Case = tuple[Clip, Character]
 FIRING: dict[str, Callable[[Character, Clip, Clip], Case]] = {}
