@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from physretarget.errors import InputError, MissingExtraError
-from physretarget.suite.job import Job, Outcome, perform
+from physretarget.suite.job import Job, Outcome
 from physretarget.suite.run import Execute, one_thread
 
 try:
@@ -131,6 +131,8 @@ def _there(job: Job, clip: bytes | None, names: list[str], contents: list[bytes]
             _place(shared / name, content)
         if clip is not None:
             _place(shared / job.inputs["clip"], clip)
+        from physretarget.suite.work import perform
+
         return perform(job, str(shared))
     finally:
         if clip is not None:

@@ -7,6 +7,7 @@ import hashlib
 import importlib.metadata
 import json
 import os
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
@@ -16,14 +17,14 @@ from typing import Any, Literal
 import physretarget
 from physretarget._version import __version__
 from physretarget.errors import InputError, PhysretargetError
-from physretarget.mjcf.source import read_source
 from physretarget.suite.file import Case, RetargetCase, Suite
-from physretarget.suite.job import Job, judge_settings
+from physretarget.suite.job import Job
 
 # What these rooms do changes no result, so a change there must not redo the night.
 _SHOWS = {
     "cli", "report", "assets", "face", "groundtruth", "reproduce", "suite", "service", "demo.py",
 }  # fmt: skip
+_NAMES_A_FILE = re.compile(rb"\bfile\w*\s*=|<\s*include|<\s*model\b")
 _NUMERIC = ("mujoco", "numpy", "scipy", "casadi")
 
 
@@ -100,7 +101,6 @@ def _shared(
     """Hashes of what all clips of a case need: model with its assets, config, key poses."""
     shared: dict[str, str] = {}
     try:
-        judge_settings(case.config, case.profile, None)
         for role, path in roles.items():
             if path not in known:
                 known[path] = _with_assets(path) if role == "model" else {str(path): _sha256(path)}
@@ -112,6 +112,12 @@ def _shared(
 
 def _with_assets(model: Path) -> dict[str, str]:
     """The MJCF file, the files that it includes, and its assets."""
+    content = _bytes(model)
+    if not _NAMES_A_FILE.search(content):
+        # It names no other file. Most nights no model need be parsed, nor MuJoCo loaded.
+        return {str(model): hashlib.sha256(content).hexdigest()}
+    from physretarget.mjcf.source import read_source
+
     source = read_source(model)
     included = {e.path for e in source.elements if e.path is not None}
     # The hash of the model itself stands for all of it: workers key their cache by it.
@@ -161,6 +167,13 @@ def _files(folder: Path, patterns: tuple[str, ...]) -> list[Path]:
     return [Path(path) for path in sorted(found) if os.path.isfile(path)]
 
 
+def _bytes(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}.", path=path) from error
+
+
 def _sha256(path: Path, *, missing_ok: bool = False) -> str:
     try:
         with open(path, "rb") as file:
@@ -181,7 +194,7 @@ def code_version() -> str:
     root = Path(physretarget.__file__).parent
     for path in sorted(root.rglob("*.py")):
         place = path.relative_to(root)
-        if place.parts[0] not in _SHOWS or place.parts[:2] == ("suite", "job.py"):
+        if place.parts[0] not in _SHOWS or place.parts == ("suite", "work.py"):
             digest.update(place.as_posix().encode() + b"\0" + path.read_bytes())
     for name in _NUMERIC:
         digest.update(f"{name} {importlib.metadata.version(name)}".encode())

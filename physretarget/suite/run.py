@@ -13,12 +13,10 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict
 from multiprocessing import get_context
 
-from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
-
 from physretarget._version import __version__
 from physretarget.suite.compare import Comparison, State, compare
 from physretarget.suite.file import Suite
-from physretarget.suite.job import Job, Outcome, perform
+from physretarget.suite.job import Job, Outcome
 from physretarget.suite.plan import Plan
 from physretarget.suite.store import Entry, Run, Store
 
@@ -50,6 +48,11 @@ def run_suite(
     known = store.known(job.address for job in plan.jobs)
     # Copies of one clip have one address: done once, told for each.
     todo = {job.address: job for job in plan.jobs if job.address not in known}
+    if todo:
+        # Solvers are loaded here, not above: most of a quiet night would go into that.
+        from physretarget.suite.work import check_ready
+
+        check_ready(suite, {job.case for job in todo.values()})
     progress(0, len(todo), "")
     for count, outcome in enumerate(execute(list(todo.values())) if todo else (), 1):
         store.save(outcome)
@@ -102,6 +105,13 @@ def _entry(
     )
 
 
+def perform(job: Job) -> Outcome:
+    """Do a job in whatever process this is; see :func:`physretarget.suite.work.perform`."""
+    from physretarget.suite import work
+
+    return work.perform(job)
+
+
 # ---- on this machine ---------------------------------------------------------------------------
 
 
@@ -127,6 +137,8 @@ def _pool(workers: int) -> ProcessPoolExecutor:
 
 def one_thread() -> None:
     """One BLAS thread per process: the processes share the cores already."""
+    from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
+
     threadpool_limits(limits=1)
 
 

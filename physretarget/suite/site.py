@@ -9,36 +9,29 @@ from __future__ import annotations
 import hashlib
 import json
 import re
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from functools import cache
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
-
-from physretarget import assets
 from physretarget._version import __version__
 from physretarget.files import write_file
-from physretarget.replay.payload import script_json
-from physretarget.replay.web import asset, player_css
-from physretarget.report.html import templates as report_templates
-from physretarget.report.words import GROUPS, look, number, pretty, quantity
-from physretarget.suite.compare import VERDICTS, State, tolerance_of
-from physretarget.suite.job import unpacked
+from physretarget.suite.compare import VERDICTS, State
+from physretarget.suite.environment import source, templates
 from physretarget.suite.store import Accepted, Entry, Run, Store
 from physretarget.suite.summaries import in_order, render_data, render_junit, render_markdown
 
 _MANIFEST = "files.json"
+_ASSETS = (
+    "replay/assets/three.min.js", "replay/assets/clock.js", "replay/assets/stage.js",
+    "replay/assets/player.js", "replay/assets/player.css", "assets/uPlot.iife.min.js",
+    "assets/uPlot.min.css", "report/templates/report.css", "suite/templates/suite.css",
+    "suite/templates/index.js", "suite/templates/clip.js",
+)  # fmt: skip
 _RUNS = 60  # nights in the trend
 _FIRST = 8  # clips under "Open these first"
-# Series that clip pages draw, in this order.
-_SERIES = (
-    "required_force_vertical_bw", "contact_force_vertical_bw", "unexplained_force_bw",
-    "unexplained_moment_bwh", "lowest_point_m", "skate_speed_m_s", "cop_outside_m",
-    "joint_speed_rad_s", "joint_torque_ratio", "self_penetration_m", "jerk_dimensionless",
-)  # fmt: skip
 # Columns of the index beside errors and warnings: what people sort by.
 _COLUMNS = {
     "unexplained_force_rms_bw": "unexplained force, BW",
@@ -113,18 +106,14 @@ class _Site:
 
 
 def _write_assets(site: _Site) -> None:
-    files = {
-        **{name: asset(name) for name in ("three.min.js", "clock.js", "stage.js", "player.js")},
-        "player.css": str(player_css()),
-        "uPlot.iife.min.js": assets.text("uPlot.iife.min.js"),
-        "uPlot.min.css": assets.text("uPlot.min.css"),
-        "report.css": _source(report_templates(), "report.css"),
-        **{name: _source(templates(), name) for name in ("suite.css", "index.js", "clip.js")},
-    }
-    for name, text in files.items():
+    # By path, not through their packages: those would load MuJoCo to hand over a text.
+    package = resources.files("physretarget")
+    for place in _ASSETS:
+        text = package.joinpath(place).read_text("utf-8")
+        name = f"assets/{place.rpartition('/')[2]}"
         key = _key(text)
-        if not site.has(f"assets/{name}", key):
-            site.put(f"assets/{name}", text, key)
+        if not site.has(name, key):
+            site.put(name, text, key)
 
 
 def _write_motions(site: _Site, store: Store, entries: Sequence[Entry]) -> None:
@@ -139,7 +128,7 @@ def _write_motions(site: _Site, store: Store, entries: Sequence[Entry]) -> None:
             content = store.artifact(address, "motion")
             if content is None:
                 continue  # could not be judged: there is nothing to show
-            text = unpacked(content).decode()
+            text = zlib.decompress(content).decode()
             model = str(json.loads(text)["model"])
             site.put(name, _script("motion", address, text), model)
         models.add(model)
@@ -147,7 +136,7 @@ def _write_motions(site: _Site, store: Store, entries: Sequence[Entry]) -> None:
         name = f"models/{model}.js"
         if not site.has(name, "1"):
             content = store.artifact(model, "model")
-            text = unpacked(content).decode() if content else "null"
+            text = zlib.decompress(content).decode() if content else "null"
             site.put(name, _script("model", model, text), "1")
 
 
@@ -187,148 +176,23 @@ def _write_pages(
         steps = _steps(tracks.get(entry.clip, ()))
         known = accepted.get(entry.clip)
         key = _key([asdict(entry), steps, asdict(known) if known else None, __version__,
-                    _source(templates(), "clip.html.j2")])  # fmt: skip
+                    source("clip.html.j2")])  # fmt: skip
         if not site.has(pages[entry.clip], key):
             stale.append((entry, steps, key))
+    if not stale:
+        return
+    from physretarget.suite.clip_page import clip_page
+
     documents = store.documents({a for e, _, _ in stale for a in (e.address, e.baseline) if a})
     for entry, steps, key in stale:
-        text = _clip_page(entry, steps, accepted.get(entry.clip), documents, states)
+        made = f"../made/{_slug(entry.clip)}.npz"
+        text = clip_page(entry, steps, accepted.get(entry.clip), documents, states, made)
         site.put(pages[entry.clip], text, key)
 
 
 def _steps(track: Track) -> list[tuple[int, str | None]]:
     """The runs in which a clip's result changed: unchanged nights leave a page as it is."""
     return [each for i, each in enumerate(track) if i == 0 or each[1] != track[i - 1][1]]
-
-
-def _clip_page(
-    entry: Entry,
-    steps: Track,
-    accepted: Accepted | None,
-    documents: Mapping[str, Mapping[str, Any]],
-    states: Mapping[str, State],
-) -> str:
-    now, before = documents.get(entry.address or ""), documents.get(entry.baseline or "")
-    shown: Mapping[str, Any] = now or before or {}
-    same = entry.address == entry.baseline
-    data = {
-        "now": entry.address if now else None,
-        "baseline": entry.baseline if before and not same else None,
-        "charts": _chart_looks(),
-    }
-    return templates().get_template("clip.html.j2").render(
-        version=__version__, entry=entry, accepted=accepted, name=entry.clip.split("/", 1)[-1],
-        data_json=Markup(script_json(data)), data=data,
-        changes=[_change_row(change) for change in entry.changes],
-        measures=_measure_rows(now, before, entry, steps, states),
-        findings=[_finding_row(f) for f in shown.get("findings", ())],
-        gone=_gone(now, before), coverage=[
-            c for c in shown.get("coverage", ()) if c["status"] != "checked"
-        ],
-        checked=sum(c["status"] == "checked" for c in shown.get("coverage", ())),
-        document=shown, made=f"../made/{_slug(entry.clip)}.npz" if entry.kind == "retarget" and now
-        else None,
-    )  # fmt: skip
-
-
-@cache
-def _chart_looks() -> dict[str, Any]:
-    """How each series is drawn, by name; the page draws those that its motion has."""
-    looks: dict[str, Any] = {}
-    for name in _SERIES:
-        style = look(name)
-        if style is not None:
-            looks[name] = {
-                "title": GROUPS.get(style.group, style.label), "label": style.label,
-                "unit": style.unit, "group": style.group, "ink": style.ink,
-            }  # fmt: skip
-    return looks
-
-
-def _change_row(change: Mapping[str, Any]) -> dict[str, Any]:
-    unit = "" if change["unit"] == "1" else pretty(change["unit"])
-    return {
-        "name": change["name"], "unit": unit, "worse": change["worse"],
-        "before": number(change["before"], 4), "now": number(change["now"], 4),
-    }  # fmt: skip
-
-
-def _measure_rows(
-    now: Mapping[str, Any] | None,
-    before: Mapping[str, Any] | None,
-    entry: Entry,
-    steps: Track,
-    states: Mapping[str, State],
-) -> list[dict[str, Any]]:
-    changed = {change["name"]: change["worse"] for change in entry.changes}
-    shown = (now or before or {"measures": {}})["measures"]
-    rows = []
-    for name, measure in shown.items():
-        old = before["measures"].get(name, {}).get("value") if before else None
-        value = measure["value"] if now else None
-        tolerance = tolerance_of(name, measure["unit"])
-        trail = [
-            states[a].measures.get(name, {}).get("value") for _, a in steps if a and a in states
-        ]
-        rows.append(
-            {
-                "name": name, "unit": "" if measure["unit"] == "1" else pretty(measure["unit"]),
-                "now": number(value, 4), "before": number(old, 4),
-                "step": _step(value, old), "frame": measure.get("frame") if now else None,
-                "state": "" if name not in changed else "worse" if changed[name] else "better",
-                "direction": tolerance.direction, "trend": sparkline(trail),
-            }
-        )  # fmt: skip
-    return rows
-
-
-def _step(now: float | None, before: float | None) -> str:
-    if now is None or before is None or _alike(now, before):
-        return ""
-    return f"{'+' if now > before else ''}{number(float(f'{now - before:.3g}'))}"
-
-
-def _alike(a: float, b: float) -> bool:
-    """Equal as far as anybody could read: rounding must not look like news."""
-    return abs(a - b) <= 1e-4 * max(abs(a), abs(b))
-
-
-def sparkline(values: Sequence[float | None]) -> Markup:
-    """A small line of the values; nothing where nothing changed."""
-    known = [v for v in values if v is not None]
-    if len(known) < 2 or _alike(min(known), max(known)):
-        return Markup("")
-    low, span = min(known), max(known) - min(known)
-    places = [
-        (2 + 76 * i / (len(known) - 1), 16 - 14 * (value - low) / span)
-        for i, value in enumerate(known)
-    ]
-    line = " ".join(f"{x:.1f},{y:.1f}" for x, y in places)
-    x, y = places[-1]
-    return Markup(
-        '<svg class="spark" viewBox="0 0 80 18" role="img" aria-label="{} earlier values">'
-        '<polyline points="{}"/><circle cx="{:.1f}" cy="{:.1f}" r="2"/></svg>'
-    ).format(len(known) - 1, line, x, y)
-
-
-def _finding_row(finding: Mapping[str, Any]) -> dict[str, Any]:
-    value, unit = quantity(finding.get("value"), finding.get("unit") or "")
-    first, seconds = finding.get("frame_first"), finding.get("time_s")
-    worst = finding.get("frame")
-    return {
-        **{key: finding.get(key) or "" for key in ("code", "rule", "severity", "message", "body")},
-        "frame": first if worst is None else worst,
-        "when": "whole clip" if seconds is None else f"{seconds:.2f} s",
-        "value": "" if finding.get("value") is None else f"{value} {unit}".strip(),
-    }
-
-
-def _gone(now: Mapping[str, Any] | None, before: Mapping[str, Any] | None) -> list[str]:
-    """Codes that the baseline has and the clip no longer has."""
-    if now is None or before is None:
-        return []
-    mine = {f["code"] for f in now["findings"]}
-    return sorted({f["code"] for f in before["findings"]} - mine)
 
 
 # ---- the index ---------------------------------------------------------------------------------
@@ -353,7 +217,7 @@ def _index(
         cases=sorted({e.case_name for e in entries}),
         owners=sorted({e.owner for e in entries} - {""}),
         tags=sorted({tag for e in entries for tag in e.tags}),
-        data_json=Markup(script_json({"rows": rows, "verdicts": VERDICTS})),
+        data={"rows": rows, "verdicts": VERDICTS},
     )  # fmt: skip
 
 
@@ -408,22 +272,3 @@ def _slug(clip: str) -> str:
 
 def _key(content: object) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
-
-
-@cache
-def templates() -> Environment:
-    """The site's own templates; they escape everything, names may be hostile."""
-    return Environment(
-        loader=PackageLoader("physretarget.suite", "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-
-
-@cache
-def _source(environment: Environment, name: str) -> str:
-    loader = environment.loader
-    assert loader is not None
-    return loader.get_source(environment, name)[0]

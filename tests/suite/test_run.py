@@ -13,11 +13,12 @@ import pytest
 
 from physretarget.errors import InputError
 from physretarget.suite.file import load_suite
-from physretarget.suite.job import Job, Outcome, perform
+from physretarget.suite.job import Job, Outcome
 from physretarget.suite.plan import Plan, plan
 from physretarget.suite.run import local, run_suite
 from physretarget.suite.site import write_site
 from physretarget.suite.store import Entry, Run, Store
+from physretarget.suite.work import perform
 
 Library = Any  # of conftest.py, which importlib mode gives no name
 
@@ -206,7 +207,7 @@ def test_a_bug_is_told_and_the_night_goes_on(
     def broken(*_: object, **__: object) -> None:
         raise ZeroDivisionError("oh")
 
-    monkeypatch.setattr("physretarget.suite.job.validate", broken)
+    monkeypatch.setattr("physretarget.suite.work.validate", broken)
     run, entries = night(library)
     assert run.counts == {"errored": 4}
     assert "ZeroDivisionError" in entries["a.npz"].reason

@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from physretarget.cli import app
-from physretarget.suite.site import sparkline
+from physretarget.suite.clip_page import sparkline
 
 Library = Any  # of conftest.py, which importlib mode gives no name
 HOSTILE = "<img src=x onerror=alert(1)>\"&'.npz"
