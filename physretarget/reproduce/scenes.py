@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -54,6 +55,13 @@ def strip(
         )
         for label, character, poses in rows
     ]
+    # The camera goes by a figure's height: one for all rows of a body, or a crouch looks large.
+    bodies = [character is None for _, character, _ in rows]
+    tallest = {
+        body: max(f.height for f, b in zip(figures, bodies, strict=True) if b == body)
+        for body in set(bodies)
+    }
+    figures = [replace(f, height=tallest[b]) for f, b in zip(figures, bodies, strict=True)]
     if times is None:
         times = np.arange(float(len(rows[0][2])))
     return Scene(title=title, time=times, figures=tuple(figures))
