@@ -47,8 +47,8 @@ def by_fitted_forces(trial: Trial, covered: Coverage, *, hz: float) -> Unexplain
     clip = Clip(qpos=trial.motion.qpos, time=trial.motion.time, model_name=trial.name)
     series = validate(clip, trial.character, settings=settings).series
     height = trial.character.com_height
-    force = series["unexplained_force_bw"] * trial.weight
-    moment = series["unexplained_moment_bwh"] * trial.weight * height
+    force = series["unexplained_force_bw"].astype(np.float64) * trial.weight
+    moment = series["unexplained_moment_bwh"].astype(np.float64) * trial.weight * height
     measured = trial.measured(hz)[0]
     return _summary(trial, covered.judged, force[:, None], moment[:, None], measured)
 
