@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+from multiprocessing import get_context
 from pathlib import Path
-from typing import Annotated, get_args
+from typing import Annotated, cast, get_args
 
 import typer
+from rich.progress import Progress
 
 from physretarget.cli import app
-from physretarget.cli.common import command, complete, fail, one_of, progress, say
+from physretarget.cli.common import command, complete, fail, messages, one_of, say
 from physretarget.clip import load_clip, write_file
-from physretarget.errors import PhysretargetError, UsageError
+from physretarget.clip.load import CLIP_SUFFIXES
+from physretarget.clip.raw import JointOrder
+from physretarget.errors import InputError, PhysretargetError, UsageError
 from physretarget.mjcf import Character
 from physretarget.mjcf.audit import audit
 from physretarget.report.html import render_html
@@ -32,10 +39,12 @@ from physretarget.validation import (
     save_baseline,
     validate,
 )
+from physretarget.validation.baseline import Accepted
 from physretarget.validation.rule import Profile
 
 FORMATS = ("text", "json", "sarif", "junit", "markdown", "html")
 PROFILES = get_args(Profile)
+ORDERS = get_args(JointOrder)
 _SUFFIX = {"text": "txt", "sarif": "sarif", "junit": "xml", "markdown": "md"}
 
 
@@ -76,40 +85,43 @@ def validate_command(
     out: Annotated[
         Path | None, typer.Option("--out", help="File, or a folder for several clips.")
     ] = None,
+    joint_order: Annotated[
+        str | None,
+        typer.Option("--joint-order", help="Of files without names.", **complete(ORDERS)),
+    ] = None,
+    jobs: Annotated[int, typer.Option("--jobs", help="Clips judged at a time.", min=1)] = 1,
 ) -> None:
-    """Judge clips by physics; exit code 1 if one fails, 2 if one could not be read."""
+    """Judge clips, or all clips of a folder, by physics.
+
+    Exit code 1 if one fails, 2 if one could not be read.
+    """
     one_of(format_, FORMATS, "--format")
     one_of(fail_on, ("error", "warning"), "--fail-on")
     settings = _settings(config, profile, lowpass, also)
-    character = Character.load(model)
-    accepted = load_baseline(baseline) if baseline else None
+    if joint_order is not None:
+        one_of(joint_order, ORDERS, "--joint-order")
+    several = len(clips) > 1 or clips[0].is_dir()
+    job = _Job(
+        model=model, settings=settings, accepted=load_baseline(baseline) if baseline else None,
+        format=format_, fps=fps, quat=quat, order=cast("JointOrder | None", joint_order),
+    )  # fmt: skip
+    _character(model)  # a broken model is one error, not one for every clip
     reports: list[Report] = []
     pages: list[tuple[Path, str]] = []
     unusable = 0
-    for path in clips:
-        try:
-            with progress(f"validate {path.name}"):
-                clip = load_clip(path, character=character, fps=fps, quat=quat)
-                report = validate(clip, character, settings=settings)
-                if accepted is not None:
-                    report = apply_baseline(report, accepted)
-                text = (
-                    render_html(report, clip, character)
-                    if format_ == "html"
-                    else _RENDER[format_](report)
-                )
-        except PhysretargetError as error:
-            if len(clips) == 1:
-                raise
-            fail(error)
+    for outcome in _outcomes(_files(clips), job, jobs):
+        if isinstance(outcome, PhysretargetError):
+            if not several:
+                raise outcome
+            fail(outcome)
             unusable += 1
             continue
-        reports.append(report)
-        pages.append((path, text))
+        reports.append(outcome.report)
+        pages.append((outcome.path, outcome.text))
     if accept is not None:
         save_baseline(reports, accept)
         say(f"{accept}: {sum(len(r.findings) for r in reports)} findings accepted.")
-    _put(pages, format_, out, folder=len(clips) > 1)
+    _put(pages, format_, out, folder=several)
     if unusable:
         raise typer.Exit(2)
     if any(report.fails("warning" if fail_on == "warning" else "error") for report in reports):
@@ -125,12 +137,94 @@ _RENDER: dict[str, Callable[[Report], str]] = {
 }
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Job:
+    """What is done with every clip; plain data, so that another process can do it."""
+
+    model: Path
+    settings: Settings
+    accepted: Accepted | None
+    format: str
+    fps: float | None
+    quat: str | None
+    order: JointOrder | None
+
+
+@dataclass(frozen=True)
+class _Outcome:
+    path: Path
+    report: Report
+    text: str
+
+
+@lru_cache(maxsize=1)
+def _character(model: Path) -> Character:
+    return Character.load(model)
+
+
+def _judge(path: Path, job: _Job) -> _Outcome:
+    character = _character(job.model)
+    clip = load_clip(path, character=character, fps=job.fps, quat=job.quat, joint_order=job.order)
+    report = validate(clip, character, settings=job.settings)
+    if job.accepted is not None:
+        report = apply_baseline(report, job.accepted)
+    if job.format == "html":
+        text = render_html(report, clip, character)
+    else:
+        text = _RENDER[job.format](report)
+    # What is drawn has been drawn: the arrays need not travel between processes.
+    return _Outcome(path, replace(report, series={}, forces=None), text)
+
+
+def _attempt(path: Path, job: _Job) -> _Outcome | PhysretargetError:
+    try:
+        return _judge(path, job)
+    except PhysretargetError as error:
+        return error
+
+
+def _from_elsewhere(path: Path, job: _Job) -> _Outcome | str:
+    """In another process: errors come back as their sentence."""
+    found = _attempt(path, job)
+    return str(found) if isinstance(found, PhysretargetError) else found
+
+
+def _outcomes(paths: list[Path], job: _Job, jobs: int) -> Iterator[_Outcome | PhysretargetError]:
+    """Every clip's outcome in the order of the paths, with a bar on a terminal."""
+    shown = messages.is_terminal and not messages.quiet
+    with Progress(console=messages, transient=True, disable=not shown) as bar:
+        task = bar.add_task("validate", total=len(paths))
+        if min(jobs, len(paths)) == 1:
+            for path in paths:
+                bar.update(task, description=f"validate {path.name}")
+                yield _attempt(path, job)
+                bar.advance(task)
+            return
+        # Fresh processes: a fork would copy locks that BLAS threads may hold.
+        with ProcessPoolExecutor(min(jobs, len(paths)), mp_context=get_context("spawn")) as pool:
+            for outcome in pool.map(partial(_from_elsewhere, job=job), paths):
+                yield PhysretargetError(outcome) if isinstance(outcome, str) else outcome
+                bar.advance(task)
+
+
+def _files(clips: list[Path]) -> list[Path]:
+    """The clips themselves: of a folder all files that can be clips, sorted."""
+    files: list[Path] = []
+    for path in clips:
+        if not path.is_dir():
+            files.append(path)
+            continue
+        inside = sorted(p for p in path.iterdir() if p.suffix.lower() in CLIP_SUFFIXES)
+        if not inside:
+            raise InputError(f"holds no clips ({', '.join(CLIP_SUFFIXES)}).", path=path)
+        files += inside
+    return files
+
+
 def _settings(
     config: Path | None, profile: str | None, lowpass: float | None, also: str | None
 ) -> Settings:
     """The file's settings, those on the command line over them."""
-    from dataclasses import replace
-
     settings = load_settings(config, RULES) if config else Settings()
     given: dict[str, object] = {}
     if profile is not None:
@@ -150,13 +244,17 @@ def _put(pages: list[tuple[Path, str]], format_: str, out: Path | None, *, folde
             typer.echo(text, nl=not text.endswith("\n"))
         return
     if not folder:
+        out.parent.mkdir(parents=True, exist_ok=True)
         for _, text in pages:
             write_file(out, text.encode())
             say(str(out))
         return
     out.mkdir(parents=True, exist_ok=True)
+    stems = [path.stem for path, _ in pages]
     for path, text in pages:
-        target = out / f"{path.stem}.{_SUFFIX.get(format_, format_)}"
+        # walk.csv and walk.npz must not share a page.
+        name = path.stem if stems.count(path.stem) == 1 else path.name
+        target = out / f"{name}.{_SUFFIX.get(format_, format_)}"
         write_file(target, text.encode())
         say(str(target))
 

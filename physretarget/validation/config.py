@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, get_args
 
 import numpy as np
@@ -16,8 +15,6 @@ import numpy as np
 from physretarget.errors import InputError, UsageError
 from physretarget.validation.report import Severity
 from physretarget.validation.rule import Profile, Rule
-
-_EMPTY: Mapping[str, Any] = MappingProxyType({})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,8 +34,8 @@ class Settings:
     friction: float | None = None
     select: tuple[str, ...] = ()
     ignore: tuple[str, ...] = ()
-    limits: Mapping[str, Mapping[str, float]] = field(default_factory=lambda: _EMPTY)
-    severity: Mapping[str, Severity] = field(default_factory=lambda: _EMPTY)
+    limits: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    severity: Mapping[str, Severity] = field(default_factory=dict)
     also_literature: bool = False
 
     def __post_init__(self) -> None:
