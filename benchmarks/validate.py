@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from physretarget.clip import Clip, load_clip
 from physretarget.mjcf import Character, derivatives, required_wrench
 from physretarget.validation import Settings, chunk, validate
-from physretarget.validation.cones import ConeFit
+from physretarget.validation.cones import ConeFit, fit_forces
 
 Array = NDArray[np.float64]
 CLIPS = ("walk", "wave", "jumpjack", "dance", "high5")
@@ -56,7 +56,7 @@ def best(work: Callable[[], object], repeats: int = 3) -> float:
 def speed(data: Path, frames: int = 4000) -> None:
     character = character_of(data)
     settings = Settings(profile="robot", lowpass_hz=6)
-    fit = chunk.fit_forces
+    fit = fit_forces
     print(f"{'clip':10s} {'mj_inverse':>12s} {'cone fit':>18s} {'all rules':>24s}")
     for name in CLIPS:
         clip = clip_of(data, character, name, frames)
@@ -70,10 +70,10 @@ def speed(data: Path, frames: int = 4000) -> None:
             spent.append(time.process_time() - start)
             return found
 
-        chunk.fit_forces = timed  # type: ignore[assignment]
+        setattr(chunk, "fit_forces", timed)  # noqa: B010
         repeats = 3
         whole = best(partial(validate, clip, character, settings=settings), repeats) / frames
-        chunk.fit_forces = fit
+        setattr(chunk, "fit_forces", fit)  # noqa: B010
         cones = min(sum(run) for run in np.array_split(spent, repeats)) / frames
         print(
             f"{name:10s} {bare * 1e6:9.1f} us {cones * 1e6:9.1f} us x{cones / bare:4.1f} "
