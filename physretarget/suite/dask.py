@@ -29,6 +29,7 @@ Files = dict[str, bytes]
 # Jobs handed out per worker core: enough that none waits, few enough that inputs of a large
 # library do not pile up in the scheduler's memory.
 _AHEAD = 3
+PATIENCE_S = 30
 _LOST = (KilledWorker, OSError)
 
 
@@ -51,7 +52,7 @@ def distributed(scheduler: str, workers: int) -> Iterator[Execute]:
             yield on(client)
         return
     try:
-        client = Client(scheduler, timeout=30)  # type: ignore[no-untyped-call]
+        client = Client(scheduler, timeout=PATIENCE_S)  # type: ignore[no-untyped-call]
     except (OSError, ValueError, TimeoutError) as error:
         raise InputError(f"no Dask scheduler answers at {scheduler!r}: {error}.") from error
     with client:
