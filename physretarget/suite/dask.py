@@ -6,13 +6,14 @@ shared disk, no copy of the library. A worker that dies costs its running jobs a
 
 from __future__ import annotations
 
+import atexit
 import hashlib
-import os
 import shutil
 import tempfile
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -124,9 +125,8 @@ def _there(job: Job, clip: bytes | None, names: list[str], contents: list[bytes]
     """On the worker: put the inputs where the job expects them, by content, and do it."""
     one_thread()
     files = dict(zip(names, contents, strict=True))
-    folder = Path(tempfile.gettempdir()) / f"physretarget-suite-{os.getuid()}-{os.getpid()}"
     # One folder per set of shared files: the models in it are loaded once per worker.
-    shared = folder / _digest(files)
+    shared = _folder() / _digest(files)
     try:
         for name, content in files.items():
             _place(shared / name, content)
@@ -168,7 +168,9 @@ def _outcome(future: Any, job: Job) -> Outcome:
     return Outcome(address=job.address, status="errored", message=message, transient=True)
 
 
-def clean_up() -> None:
-    """Remove this process's inputs (for workers that live long)."""
-    folder = Path(tempfile.gettempdir()) / f"physretarget-suite-{os.getuid()}-{os.getpid()}"
-    shutil.rmtree(folder, ignore_errors=True)
+@cache
+def _folder() -> Path:
+    """This worker's own folder, gone when the worker ends."""
+    folder = Path(tempfile.mkdtemp(prefix="physretarget-suite-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder
