@@ -10,13 +10,16 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 @cache
 def templates() -> Environment:
     """The environment they are rendered in."""
-    return Environment(
+    made = Environment(
         loader=PackageLoader("physretarget.suite", "templates"),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    # The order of charts is ours, not the alphabet's.
+    made.policies["json.dumps_kwargs"] = {"sort_keys": False, "allow_nan": False}
+    return made
 
 
 @cache
