@@ -16,7 +16,6 @@ A model names them by a custom text ``passive``: joint names, ``*`` for any endi
 from __future__ import annotations
 
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 from functools import lru_cache
 
 import mujoco
@@ -27,6 +26,7 @@ from scipy.spatial.transform import Rotation, RotationSpline
 
 from physretarget.errors import InputError
 from physretarget.mjcf import Character
+from physretarget.mjcf.declared import passive_joints
 
 __all__ = [
     "Limb",
@@ -96,21 +96,9 @@ def limb_of(character: Character) -> Limb | None:
     Raises:
         InputError: a name fits no joint, or a joint that is neither hinge nor slide.
     """
-    model = character.model
-    text = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TEXT, "passive")
-    if text < 0:
+    found = passive_joints(character)
+    if not found:
         return None
-    start, size = model.text_adr[text], model.text_size[text]
-    patterns = bytes(model.text_data[start : start + size]).rstrip(b"\0").decode().split()
-    found = []
-    for pattern in patterns:
-        fitting = [n for n in character.joint_names if fnmatchcase(n, pattern)]
-        if not fitting:
-            raise InputError(
-                f"custom text 'passive' names {pattern!r}, which is no joint of the model.",
-                path=character.path,
-            )
-        found += fitting
     joints = [
         joint
         for name, joint in zip(character.joint_names, character.tree.joints, strict=True)
@@ -123,7 +111,7 @@ def limb_of(character: Character) -> Limb | None:
                 path=character.path,
             )
     return Limb(
-        names=tuple(n for n in character.joint_names if n in found),
+        names=found,
         qpos=np.array([joint.qpos for joint in joints], dtype=np.int64),
         dof=np.array([joint.dof for joint in joints], dtype=np.int64),
     )

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget.mjcf.character import Character
+from physretarget.mjcf.declared import passive_joints
 from physretarget.mjcf.solids import Solid, geom_volume, inertia_box_volume, mesh_solid
 
 __all__ = ["AUDIT_KEYS", "AuditFact", "audit"]
@@ -332,9 +333,15 @@ def _joints(character: Character) -> Iterator[AuditFact]:
 
 
 def _gains(character: Character) -> Iterator[AuditFact]:
-    """Joint springs and dampers that are too strong to be a mechanism's own."""
+    """Joint springs and dampers that are too strong to be a mechanism's own.
+
+    Joints that the model declares passive are springs by design.
+    """
     model = character.model
-    joints = _own_joints(character)
+    declared = passive_joints(character)
+    joints = [j for j in _own_joints(character) if character.joint_names[j] not in declared]
+    if not joints:
+        return
     loads = _limb_loads(character, joints)
     springs = model.jnt_stiffness[joints]
     damping = model.dof_damping[model.jnt_dofadr[joints]]
