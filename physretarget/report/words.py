@@ -62,6 +62,8 @@ def number(value: Any, digits: int = 3) -> str:
         return str(value)
     if not math.isfinite(value):
         return "–"
+    if abs(value) < 1e-9:  # what is left of a zero after arithmetic
+        return "0"
     text = f"{value:.{digits}g}"
     if "e" in text and 1e-4 <= abs(value) < 1e6:
         text = f"{value:.0f}"
