@@ -6,6 +6,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from scipy.sparse import csc_matrix
 
 from physretarget.errors import InputError, UsageError
 from physretarget.mjcf import Character
@@ -119,7 +120,7 @@ def test_interior_point_finds_nothing_better_nearby(hopper: Make, hops: Make) ->
     )
     w = ca.MX.sym("w", basis.count)
     windows = (basis.value, basis.rate, basis.curvature)
-    s = ca.vertcat(*[(ca.DM(sparse_of(basis, b).tocsc()) @ w).T for b in windows])
+    s = ca.vertcat(*[(ca.DM(csc_matrix(sparse_of(basis, b))) @ w).T for b in windows])
     r, _ = problem.residuals(s, problem.parameters, f0)
     cost = 0.5 * ca.sumsqr(r) + 0.5 * settings.weights * ca.sumsqr(w)
     options = {"ipopt.print_level": 0, "print_time": False, "ipopt.max_iter": 100}
