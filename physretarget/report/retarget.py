@@ -7,12 +7,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from physretarget import kinematics
 from physretarget.clip import npz_bytes, write_file
 from physretarget.mapping import SharedGPLVM
 from physretarget.mapping.latent import latent_map
 from physretarget.pipeline import Retargeted
-from physretarget.replay.scene import Forces
+from physretarget.replay.clip import report_forces
 from physretarget.report.html import render_retarget_html
 from physretarget.report.json import render_json
 from physretarget.report.retarget_data import (
@@ -75,7 +74,7 @@ def retarget_data(result: Retargeted, mapper: TrainedMapper, report: Report) -> 
         ),
         contact_active=contacted.active if contacted else None,
         actor_contact_active=_actor_contacts(result),
-        forces=_arrows(result),
+        forces=report_forces(report, result.clip.frames),
         momentum=_momentum(result),
         force=_forces(result),
         latent=_latent(result, mapper),
@@ -91,21 +90,6 @@ def _actor_contacts(result: Retargeted) -> NDArray[np.bool_] | None:
     if result.phases is None:
         return None
     return np.stack([result.phases.of(name) for name in result.actor.tied], axis=1)
-
-
-def _arrows(result: Retargeted) -> Forces | None:
-    """The contact model's force on the character, in body weights."""
-    physical, contacted, character = result.physical, result.contacted, result.character
-    if physical is None or contacted is None:
-        return None
-    # One arrow for the whole base, at the middle of the points that stand.
-    pose = kinematics.forward(character.tree, physical.qpos)
-    place = kinematics.points(pose, character.contacts.body, character.contacts.local)
-    share = contacted.active / np.maximum(contacted.active.sum(axis=1, keepdims=True), 1)
-    origin = np.einsum("tc,tci->ti", share, place)
-    standing = np.any(contacted.active, axis=1, keepdims=True)
-    force = np.where(standing, physical.contact_after, 0.0)
-    return Forces(origin[:, None], force[:, None] / character.weight)
 
 
 def _momentum(result: Retargeted) -> tuple[MomentumCurves, ...]:
