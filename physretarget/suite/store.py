@@ -7,6 +7,8 @@ scripts and templates, and a store that upgrades itself when opened needs no sec
 
 from __future__ import annotations
 
+import sqlite3
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -25,6 +27,8 @@ try:
 except ImportError as error:
     raise MissingExtraError("SQLAlchemy", extra="suite", purpose="a suite's history") from error
 
+_PATIENCE = 30.0  # seconds to wait for another connection
+_BUSY_MS = 30_000  # the same, as SQLite takes it
 _CHUNK = 500  # addresses per IN (...): below every driver's limit of parameters
 _LOCK = 7246213  # any number, the same in every version: who migrates waits for the other
 
@@ -394,9 +398,25 @@ def _sqlite_settings(connection: Any, _: object) -> None:
     """Readers beside a writer, a wait instead of 'locked', foreign keys as PostgreSQL has them."""
     # Transactions are begun by us: the driver's own way leaves DDL outside of them.
     connection.isolation_level = None
-    for pragma in ("journal_mode=WAL", "busy_timeout=30000", "foreign_keys=ON",
-                   "synchronous=NORMAL"):  # fmt: skip
+    for pragma in (f"busy_timeout={_BUSY_MS}", "foreign_keys=ON", "synchronous=NORMAL"):
         connection.execute(f"PRAGMA {pragma}")
+    _write_ahead(connection, time.monotonic() + _PATIENCE)
+
+
+def _write_ahead(connection: Any, until: float) -> None:
+    """Switch to the write-ahead journal, which outlives the connection.
+
+    Going from one journal to the other takes the whole database; where two connections want it
+    at the same moment SQLite answers 'locked' at once, whatever ``busy_timeout`` says.
+    """
+    while True:
+        try:
+            connection.execute("PRAGMA journal_mode=WAL")
+            return
+        except sqlite3.OperationalError:
+            if time.monotonic() > until:
+                raise
+            time.sleep(0.02)
 
 
 def _shown(url: str) -> str:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sqlite3
 import threading
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -153,6 +155,23 @@ def test_many_at_once(url: str) -> None:
     with Store(url) as store:
         wanted = {f"{i}-{k}" for i in range(8) for k in range(5)} | {"shared"}
         assert store.known(wanted) == wanted
+
+
+def test_a_locked_history_is_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The switch of the journal asks again while another holds the file, and gives up in time."""
+    path = tmp_path / "x.db"
+    holder = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
+    holder.execute("BEGIN EXCLUSIVE")
+    threading.Timer(0.3, lambda: holder.execute("COMMIT")).start()
+    with Store(f"sqlite:///{path}") as store:
+        assert store.known(["nothing"]) == set()
+    other = tmp_path / "y.db"
+    monkeypatch.setattr(store_module, "_PATIENCE", 0.1)
+    monkeypatch.setattr(store_module, "_BUSY_MS", 100)
+    with closing(sqlite3.connect(other, isolation_level=None)) as stuck:
+        stuck.execute("BEGIN EXCLUSIVE")
+        with pytest.raises(InputError, match="locked"):
+            Store(f"sqlite:///{other}")
 
 
 @pytest.mark.parametrize("bad", ["mysql://x/y", "nonsense", "sqlite:////proc/nowhere/x.db"])
