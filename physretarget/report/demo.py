@@ -8,7 +8,7 @@ from pathlib import Path
 
 from physretarget._version import __version__
 from physretarget.clip import write_file
-from physretarget.report.html import templates
+from physretarget.report.page import templates
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,7 +12,6 @@ from physretarget.mapping import SharedGPLVM
 from physretarget.mapping.latent import latent_map
 from physretarget.pipeline import Retargeted
 from physretarget.replay.clip import report_forces
-from physretarget.report.html import render_retarget_html
 from physretarget.report.json import render_json
 from physretarget.report.retarget_data import (
     ForceCurves,
@@ -22,6 +21,7 @@ from physretarget.report.retarget_data import (
     RetargetReport,
     StageMotion,
 )
+from physretarget.report.retarget_html import render_retarget_html
 from physretarget.trained import TrainedMapper
 from physretarget.validation import Report
 

@@ -13,7 +13,7 @@ from physretarget.mjcf import Character
 from physretarget.replay.payload import payload, script_json
 from physretarget.replay.scene import Scene
 from physretarget.replay.web import asset, player_css, player_scripts
-from physretarget.report.html import templates
+from physretarget.report.page import templates
 from physretarget.report.words import duration, number
 from physretarget.reproduce import drawing, scenes, tables
 from physretarget.reproduce.plan import STYLES, Take

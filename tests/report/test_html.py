@@ -15,7 +15,8 @@ from physretarget.clip import Clip
 from physretarget.errors import UsageError
 from physretarget.mjcf import Character
 from physretarget.report.charts import Chart, Series, finding_lanes, latent_plot, runs
-from physretarget.report.html import document_marks, render_html, render_retarget_html
+from physretarget.report.document import document_marks
+from physretarget.report.html import render_html
 from physretarget.report.retarget_data import (
     ForceCurves,
     KeyNumber,
@@ -24,6 +25,7 @@ from physretarget.report.retarget_data import (
     RetargetReport,
     StageMotion,
 )
+from physretarget.report.retarget_html import render_retarget_html
 from physretarget.report.words import duration, look, number, quantity
 from physretarget.validation import validate
 

@@ -1,0 +1,186 @@
+"""The page of one retargeting: replay, stages, forces, momentum, latent space, findings."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from physretarget.replay.figures import figure
+from physretarget.replay.scene import Mark, Scene
+from physretarget.report.charts import Chart, Lanes, Series, latent_plot
+from physretarget.report.document import (
+    as_document,
+    document_marks,
+    document_sections,
+    facts,
+    judgement,
+)
+from physretarget.report.page import contact_plots, finding_plots, render_page
+from physretarget.report.retarget_data import RetargetReport
+from physretarget.report.words import number
+
+STRIP_COLUMNS = 8
+
+
+def render_retarget_html(data: RetargetReport) -> str:
+    """The page of one retargeting: replay, stages, forces, momentum, latent space, findings."""
+    document = None if data.report is None else as_document(data.report)
+    marks = () if document is None else document_marks(document)
+    scene = retarget_scene(data, marks)
+    force = _force_plots(data)
+    more: list[Chart | Lanes] = [*_displacement_plots(data)]
+    more += contact_plots(data.character, data.contact_active)
+    momentum = [
+        Chart(
+            id=f"momentum-{k}",
+            title=f"{'Angular' if 'm²' in curves.unit else 'Linear'} momentum, {curves.axis}",
+            unit=curves.unit,
+            series=(
+                # Dashes come last, on top: two equal curves must both be seen.
+                Series(data.character_name, curves.achieved, "red"),
+                Series("actor, scaled", curves.target, "blue", dashed=True),
+            ),
+        )
+        for k, curves in enumerate(data.momentum)
+    ]
+    variance = _variance_plots(data)
+    findings = finding_plots(marks)
+    latent = [latent_plot(item) for item in data.latent]
+    return render_page(
+        "retarget.html.j2",
+        scene,
+        plots=[*force, *more, *momentum, *variance, *findings],
+        latent=[plot.points for plot in latent],
+        strip=_strip(data),
+        context={
+            "title": data.title,
+            "capture": data.capture,
+            "character_name": data.character_name,
+            "rows": data.stages,
+            "tiles": [
+                {
+                    "label": item.label,
+                    "value": number(item.value),
+                    "unit": item.unit,
+                    "note": item.note,
+                    "good": item.good,
+                    "frame": None,
+                }
+                for item in data.numbers
+            ],
+            "notes": data.notes,
+            "force_plots": force,
+            "more_plots": more,
+            "momentum_plots": momentum,
+            "variance_plots": variance,
+            "finding_plots": findings,
+            "latent": latent,
+            "sections": facts({**document_sections(document), **data.sections}),
+            **judgement(document),
+        },
+    )
+
+
+def retarget_scene(data: RetargetReport, marks: tuple[Mark, ...] = ()) -> Scene:
+    """Actor and character side by side; the stages before the last start hidden."""
+    last = len(data.stages) - 1
+    actor = figure(
+        data.actor,
+        data.actor_qpos,
+        name="Actor",
+        offset=(0.0, 0.7, 0.0),
+        tint=(0.42, 0.52, 0.70),
+        contact_active=data.actor_contact_active,
+    )
+    stages = [
+        figure(
+            data.character,
+            stage.qpos,
+            name=data.character_name if k == last else stage.label,
+            offset=(0.0, -0.5 - 0.6 * (last - k), 0.0),
+            hidden=k != last,
+            contact_active=data.contact_active if k == last else None,
+            forces=data.forces if k == last else None,
+        )
+        for k, stage in enumerate(data.stages)
+    ]
+    # The clip stands right beside its actor, the way there comes after.
+    figures = (actor, stages[-1], *stages[:-1])
+    return Scene(title=data.title, time=data.time, figures=figures, marks=marks, layout="split")
+
+
+def _strip(data: RetargetReport) -> dict[str, Any]:
+    last = len(data.stages) - 1
+    rows = [{"figure": 0, "label": "actor", "note": ""}]
+    rows += [
+        # Figure 1 is the last stage, the earlier ones follow from 2.
+        {"figure": 1 if k == last else k + 2, "label": stage.label, "note": stage.note}
+        for k, stage in enumerate(data.stages)
+    ]
+    times = data.strip_times
+    if times is None:
+        part = (np.arange(STRIP_COLUMNS) + 0.5) / STRIP_COLUMNS
+        times = tuple(float(t) for t in data.time[0] + part * (data.time[-1] - data.time[0]))
+    return {"rows": rows, "times": list(times)}
+
+
+def _force_plots(data: RetargetReport) -> list[Chart]:
+    """Yamane 2010 Figure 9: before and after on one scale."""
+    force = data.force
+    if force is None:
+        return []
+    pairs = {
+        "before": ("Before the optimisation", force.required_before, force.contact_before),
+        "after": ("After the optimisation", force.required_after, force.contact_after),
+    }
+    charts = []
+    for when, (title, required, supplied) in pairs.items():
+        lines = [
+            Series("contact model", supplied, "red"),
+            Series("required", required, "blue", dashed=True),
+        ]
+        if when == "after" and force.bound is not None:
+            lines.insert(0, Series("best possible", force.bound, "green"))
+        rest = float(np.sqrt(np.nanmean((required - supplied) ** 2)))
+        charts.append(
+            Chart(
+                id=f"force-{when}",
+                title=title,
+                unit="BW",
+                series=tuple(lines),
+                note=f"mismatch {number(rest)} BW RMS",
+                levels=((1.0, "body weight"),),
+                scale="force",
+            )
+        )
+    return charts
+
+
+def _displacement_plots(data: RetargetReport) -> list[Chart]:
+    if data.force is None or data.force.displacement is None:
+        return []
+    line = Series("root moved by", 1000.0 * data.force.displacement, "green", fill=True)
+    return [
+        Chart(
+            id="displacement",
+            title="What the optimisation changed: the height of the root",
+            unit="mm",
+            series=(line,),
+        )
+    ]
+
+
+def _variance_plots(data: RetargetReport) -> list[Chart]:
+    if data.pose_variance is None:
+        return []
+    line = Series("uncertainty", data.pose_variance, "violet", fill=True)
+    return [
+        Chart(
+            id="variance",
+            title="Uncertainty of the mapped pose",
+            unit="m",
+            series=(line,),
+            note="high where no key pose is near: pose a frame there next",
+        )
+    ]
