@@ -31,7 +31,7 @@ _BESIDE = (
     "groundtruth/",
     "suite/",
     *(f"reproduce/{name}.py" for name in ("drawing", "explain", "page", "results", "scenes")),
-    *(f"reproduce/{name}.py" for name in ("tables", "yamane")),
+    *(f"reproduce/{name}.py" for name in ("tables", "workers", "yamane")),
     "report/templates/yamane2010",
 )
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import os
 import time as clock
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from functools import partial
 from pathlib import Path
 
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
@@ -20,9 +18,11 @@ from physretarget.reproduce.results import Results
 from physretarget.reproduce.store import Piece
 from physretarget.reproduce.studies import do_dimensions, do_iterations, do_mappers, do_reach
 from physretarget.reproduce.takes import do_take
+from physretarget.reproduce.workers import each_done
 
 Progress = Callable[[str], None]
-Work = list[tuple[str, str, Take | None]]
+Job = tuple[str, str, Take | None]
+Work = list[Job]
 STUDIES = {
     "mappers": do_mappers,
     "dimensions": do_dimensions,
@@ -92,39 +92,24 @@ def _work(plan: Plan) -> Work:
     return studies + [("take", take.name, take) for take in plan.takes]
 
 
-def _do(kind: str, name: str, take: Take | None, plan: Plan, out: Path) -> Piece:
+def _do_one(job: Job, plan: Plan, out: Path) -> Piece:
+    kind, name, take = job
     with threadpool_limits(limits=1):
         return do_take(take, plan.models, out) if take else STUDIES[kind](plan, name, out)
 
 
 def _done(work: Work, plan: Plan, out: Path, processes: int) -> Iterator[tuple[str, str, Piece]]:
     """Do all work and yield (kind, name, piece) as each is finished."""
+    do = partial(_do_one, plan=plan, out=out)
     if processes < 2:
-        for kind, name, take in work:
-            yield kind, name, _do(kind, name, take, plan, out)
+        for job in work:
+            yield *job[:2], do(job)
         return
-    # Libraries read it as they are loaded: more threads would fight over the same cores.
-    before = {v: os.environ.get(v) for v in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")}
-    os.environ.update(dict.fromkeys(before, "1"))
     try:
-        spawn = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(processes, mp_context=spawn) as pool:
-            running = {pool.submit(_do, *each, plan, out): each[:2] for each in work}
-            try:
-                for future in as_completed(running):
-                    kind, name = running[future]
-                    yield kind, name, future.result()
-            except BaseException:
-                pool.shutdown(wait=False, cancel_futures=True)
-                raise
+        for job, piece in each_done(do, work, processes):
+            yield *job[:2], piece
     except BrokenProcessPool as error:
         raise PhysretargetError(
             "a worker process was ended from outside, perhaps for want of memory; run the "
             "command again, it goes on where it stopped."
         ) from error
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
