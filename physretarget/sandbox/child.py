@@ -21,6 +21,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, Literal, Protocol
@@ -40,6 +41,8 @@ TASKS = frozenset(
         for name in ("nothing", "reach", "read", "hold", "burn", "wait", "fill", "fail", "flood")
     }
 )
+LOST = "lost"  # ``error`` of a job whose starter died under it
+GONE = -1000  # the return code of such a job
 _TAIL = 16 * 1024  # of standard output and error, for the log
 _LOOK_S = 0.1  # between two looks at the clock and at whether the job was cancelled
 _WEIGH_S = 1.0  # between two looks at what the folder holds
@@ -88,7 +91,8 @@ class Process:
 class Starter(Protocol):
     """Starts a child with a request on its standard input."""
 
-    def __call__(self, request: bytes) -> Process: ...
+    def __call__(self, request: bytes) -> Process:
+        """The started child."""
 
 
 def run(
@@ -223,10 +227,8 @@ class _Watch:
 
     def drain(self) -> None:
         """Take in what the child printed last; it has ended."""
-        try:
+        with suppress(BlockingIOError):  # nothing there, and the pipe still held by someone
             self._print(os.read(self._process.log, 65536))
-        except BlockingIOError:
-            pass  # nothing, and something that it started still holds the pipe
 
     def _print(self, content: bytes) -> bool:
         self._log = (self._log + content)[-_TAIL:]
@@ -300,8 +302,15 @@ def _answer(watch: _Watch, code: int) -> dict[str, Any]:
     raise _died(code, watch.tail)
 
 
+def lost(log: str) -> ChildError:
+    """The error of a job whose starter died under it."""
+    return ChildError("crash", "the sandbox ended under the job.", error=LOST, log=log)
+
+
 def _died(code: int, log: str) -> ChildError:
     """What the status of a child tells that ended without an answer."""
+    if code == GONE:
+        return lost(log)
     if code == -signal.SIGXCPU:
         return ChildError("timeout", "the job took more processor time than it may.", log=log)
     words = log[-2000:].lower()
@@ -357,11 +366,9 @@ def _spawn(request: bytes) -> Process:
     assert child.stdout is not None
     log = os.dup(child.stdout.fileno())
     child.stdout.close()
-    try:
-        with child.stdin as pipe:
-            pipe.write(request)
-    except BrokenPipeError:
-        pass  # it died already; its status will say how
+    # One that died already cannot take it; its status will say how.
+    with suppress(BrokenPipeError), child.stdin as pipe:
+        pipe.write(request)
 
     def kill() -> None:
         if child.poll() is None:

@@ -10,6 +10,7 @@ import importlib
 import json
 import os
 import sys
+import tempfile
 import time
 import traceback
 from collections.abc import Callable, Mapping
@@ -42,6 +43,8 @@ def serve(request: int, messages: int) -> None:
     folder = Path(asked["folder"])
     inputs = [Path(p) for p in asked["inputs"]]
     os.chdir(folder)
+    # A warm process may have chosen another place for passing files before.
+    os.environ["TMPDIR"] = os.environ["HOME"] = tempfile.tempdir = str(folder)
     confine.set_limits(limits)
     confine.drop_privileges()
     confine.restrict_files([*confine.system_paths(), *inputs], [folder, Path(os.devnull)])
