@@ -15,7 +15,7 @@ from rich.progress import Progress
 
 from physretarget.cli import app
 from physretarget.cli.common import command, complete, fail, messages, one_of, say
-from physretarget.clip import load_clip, write_file
+from physretarget.clip import open_clip, write_file
 from physretarget.clip.load import CLIP_SUFFIXES
 from physretarget.clip.raw import JointOrder
 from physretarget.errors import InputError, PhysretargetError, UsageError
@@ -164,12 +164,12 @@ def _character(model: Path) -> Character:
 
 def _judge(path: Path, job: _Job) -> _Outcome:
     character = _character(job.model)
-    clip = load_clip(path, character=character, fps=job.fps, quat=job.quat, joint_order=job.order)
+    clip = open_clip(path, character=character, fps=job.fps, quat=job.quat, joint_order=job.order)
     report = validate(clip, character, settings=job.settings)
     if job.accepted is not None:
         report = apply_baseline(report, job.accepted)
     if job.format == "html":
-        text = render_html(report, clip, character)
+        text = render_html(report, clip.whole(), character)
     else:
         text = _RENDER[job.format](report)
     # What is drawn has been drawn: the arrays need not travel between processes.

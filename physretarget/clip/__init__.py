@@ -2,14 +2,24 @@
 
 ``load_clip`` reads our own npz and the formats of LocoMuJoCo, mjlab/BeyondMimic, holosoma,
 LAFAN1-style and ProtoMotions csv, GMR pkl and plain qpos arrays; every guess it makes is
-a sentence in ``Clip.notes``.
+a sentence in ``Clip.notes``. ``open_clip`` reads the same some frames at a time.
 """
 
 from __future__ import annotations
 
 from physretarget.clip.arrays import Members
-from physretarget.clip.core import Clip
-from physretarget.clip.load import CLIP_SUFFIXES, load_clip
+from physretarget.clip.core import Clip, LongClip, Motion
+from physretarget.clip.load import CLIP_SUFFIXES, load_clip, open_clip
 from physretarget.files import npz_bytes, write_file
 
-__all__ = ["CLIP_SUFFIXES", "Clip", "Members", "load_clip", "npz_bytes", "write_file"]
+__all__ = [
+    "CLIP_SUFFIXES",
+    "Clip",
+    "LongClip",
+    "Members",
+    "Motion",
+    "load_clip",
+    "npz_bytes",
+    "open_clip",
+    "write_file",
+]

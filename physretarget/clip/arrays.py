@@ -7,28 +7,44 @@ are there first. Arrays of objects are pickles and go through the restricted unp
 from __future__ import annotations
 
 import io
+import lzma
 import math
+import struct
 import zipfile
-from collections.abc import Iterator, Mapping
-from typing import Any, Protocol
+import zlib
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import IO, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from physretarget.clip.pickles import unpickle
+from physretarget.clip.scratch import PART
 from physretarget.errors import InputError, UnsafeInputError
 
 # One hour of a 100-coordinate character at 1 kHz is 2.9 GB of float64: more is not a clip.
 MAX_BYTES = 4 * 1024**3
-# Deflate cannot expand by more than 1032:1; a member that claims more lies.
-_DEFLATE_RATIO = 1032
+# Deflate cannot expand by more than 1032:1; a member that claims more lies. What expands that
+# much is empty: motion shrinks to a third or so, and 64 MB hold an hour of standing still.
+_DEFLATE_RATIO, _LIKELY_RATIO = 1032, 100
+_LIKELY_BYTES = 64 << 20
 _HEADER_LIMIT = 1 << 16
 
 
-def read_npy(content: bytes | _Stream, *, size: int, path: str, name: str = "") -> NDArray[Any]:
-    """Read one array of ``size`` bytes (header included); refuse claims beyond it."""
-    file: Any = io.BytesIO(content) if isinstance(content, bytes) else content
-    what = f"array '{name}'" if name else "the array"
+@dataclass(frozen=True)
+class _Header:
+    """What an npy file says about itself, its claims compared with the bytes that follow."""
+
+    shape: tuple[int, ...]
+    fortran: bool
+    dtype: np.dtype[Any]
+    size: int
+    room: int
+
+
+def _header(file: _Stream, *, size: int, path: str, what: str) -> _Header:
     try:
         version = np.lib.format.read_magic(file)
         reader = {
@@ -43,21 +59,86 @@ def read_npy(content: bytes | _Stream, *, size: int, path: str, name: str = "") 
     if any(n < 0 for n in shape):
         raise InputError(f"{what} claims the shape {shape}.", path=path)
     room = size - file.tell()
-    if dtype.hasobject:
-        return _object_array(file.read(room), shape, path)
     claimed = math.prod(shape) * dtype.itemsize
-    if claimed > room:
+    if claimed > room and not dtype.hasobject:
         raise InputError(
             f"{what} claims {claimed} bytes {shape}, only {max(room, 0)} bytes follow its header.",
             path=path,
         )
-    data = file.read(claimed)
-    if len(data) != claimed:
-        raise InputError(f"{what} is cut off: {len(data)} of {claimed} bytes.", path=path)
-    if claimed == 0:
-        return np.zeros(shape if dtype.itemsize else (0,), dtype)
-    flat = np.frombuffer(data, dtype)
-    return flat.reshape(shape, order="F" if fortran else "C")
+    return _Header(shape, fortran, dtype, claimed, room)
+
+
+def read_npy(content: bytes | _Stream, *, size: int, path: str, name: str = "") -> NDArray[Any]:
+    """Read one array of ``size`` bytes (header included); refuse claims beyond it."""
+    file: _Stream = io.BytesIO(content) if isinstance(content, bytes) else content
+    what = _called(name)
+    header = _header(file, size=size, path=path, what=what)
+    if header.dtype.hasobject:
+        return _object_array(file.read(header.room), header.shape, path)
+    data = _exactly(file, header.size, path=path, what=what)
+    if header.size == 0:
+        return np.zeros(header.shape if header.dtype.itemsize else (0,), header.dtype)
+    flat = np.frombuffer(data, header.dtype)
+    return flat.reshape(header.shape, order="F" if header.fortran else "C")
+
+
+def _called(name: str) -> str:
+    return f"array '{name}'" if name else "the array"
+
+
+def _exactly(file: _Stream, size: int, *, path: str, what: str) -> bytes:
+    data = file.read(size)
+    if len(data) != size:
+        raise InputError(f"{what} is cut off: {len(data)} of {size} bytes.", path=path)
+    return data
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """An array of numbers whose first axis are frames, read some frames at a time.
+
+    ``parts`` starts over at every call and gives float64.
+    """
+
+    shape: tuple[int, ...]
+    parts: Callable[[], Iterator[NDArray[np.float64]]]
+
+    @classmethod
+    def of(cls, array: NDArray[np.float64]) -> Frames:
+        """Of an array that is there already."""
+
+        def parts() -> Iterator[NDArray[np.float64]]:
+            for first in range(0, len(array), PART):
+                yield array[first : first + PART]
+
+        return cls(array.shape, parts)
+
+
+def npy_frames(
+    opened: Callable[[], _Stream], *, size: int, ndim: int, path: str, name: str = ""
+) -> Frames:
+    """The frames of an npy file; ``opened`` gives its bytes from the start, at every call.
+
+    Raises InputError unless it holds numbers of ``ndim`` dimensions that are all there.
+    """
+    what = _called(name)
+    header = _header(opened(), size=size, path=path, what=what)
+    if header.dtype.hasobject or header.fortran or not header.shape:
+        whole = read_npy(opened(), size=size, path=path, name=name)
+        return Frames.of(as_floats(whole, name=name or "qpos", ndim=ndim, path=path))
+    check_numbers(header.dtype, header.shape, name=name or "qpos", ndim=ndim, path=path)
+
+    def parts() -> Iterator[NDArray[np.float64]]:
+        file = opened()
+        _header(file, size=size, path=path, what=what)
+        each = math.prod(header.shape[1:])
+        for first in range(0, header.shape[0] if each else 0, PART):
+            count = min(PART, header.shape[0] - first)
+            data = _exactly(file, count * each * header.dtype.itemsize, path=path, what=what)
+            flat = np.frombuffer(data, header.dtype)
+            yield flat.reshape(count, *header.shape[1:]).astype(np.float64)
+
+    return Frames(header.shape, parts)
 
 
 def _object_array(data: bytes, shape: tuple[int, ...], path: str) -> NDArray[Any]:
@@ -75,14 +156,16 @@ class _Stream(Protocol):
 
 
 class Members(Mapping[str, NDArray[Any]]):
-    """The arrays of an npz, each read only when asked for."""
+    """The arrays of an npz (its bytes, or the open file), each read only when asked for."""
 
-    def __init__(self, content: bytes, *, path: str) -> None:
+    def __init__(self, content: bytes | IO[bytes], *, path: str) -> None:
         self.path = path
         try:
-            self._archive = zipfile.ZipFile(io.BytesIO(content))
+            self._archive = zipfile.ZipFile(
+                io.BytesIO(content) if isinstance(content, bytes) else content
+            )
             entries = self._archive.infolist()
-        except (zipfile.BadZipFile, ValueError, OSError, NotImplementedError) as error:
+        except _ZIP_DAMAGE as error:
             raise InputError("is not a readable npz (zip) file.", path=path) from error
         self._entries = {
             entry.filename.removesuffix(".npy"): entry
@@ -97,24 +180,27 @@ class Members(Mapping[str, NDArray[Any]]):
         return len(self._entries)
 
     def __getitem__(self, name: str) -> NDArray[Any]:
+        file = self._open(name)
+        return read_npy(file, size=self._entries[name].file_size, path=self.path, name=name)
+
+    def frames(self, name: str, *, ndim: int) -> Frames:
+        """The named member as float64 of so many dimensions, read some frames at a time."""
+        return npy_frames(
+            lambda: self._open(name), size=self._entries[name].file_size, ndim=ndim,
+            path=self.path, name=name,
+        )  # fmt: skip
+
+    def _open(self, name: str) -> _Member:
         entry = self._entries[name]
-        limit = min(MAX_BYTES, (entry.compress_size + 1) * _DEFLATE_RATIO)
+        likely = max(_LIKELY_BYTES, _LIKELY_RATIO * entry.compress_size)
+        limit = min(MAX_BYTES, likely, (entry.compress_size + 1) * _DEFLATE_RATIO)
         if entry.file_size > limit:
             raise UnsafeInputError(
                 f"array '{name}' claims {entry.file_size} bytes, "
                 f"at most {limit} are believed of {entry.compress_size} compressed bytes.",
                 path=self.path,
             )
-        try:
-            with self._archive.open(entry) as file:
-                # Checked streams know no end of their own: read_npy compares with the claim.
-                return read_npy(_Told(file), size=entry.file_size, path=self.path, name=name)
-        except (zipfile.BadZipFile, EOFError, OSError, NotImplementedError, RuntimeError) as error:
-            raise InputError(f"array '{name}' is damaged in the file.", path=self.path) from error
-        except Exception as error:  # zlib.error has no public base
-            if type(error).__module__ in ("zlib", "_lzma", "lzma"):
-                raise InputError(f"array '{name}' is damaged.", path=self.path) from error
-            raise
+        return _Member(lambda: self._archive.open(entry), name=name, path=self.path)
 
     def floats(self, name: str, *, ndim: int) -> NDArray[np.float64]:
         """The named member as float64 of so many dimensions."""
@@ -139,20 +225,51 @@ class Members(Mapping[str, NDArray[Any]]):
         return float(array.ravel()[0])
 
 
-class _Told:
+# What zipfile raises of damaged archives; a stranger's compression or a password is NotImplemented
+# or Runtime.
+_ZIP_DAMAGE = (
+    zipfile.BadZipFile, EOFError, OSError, NotImplementedError, RuntimeError, ValueError,
+    IndexError, struct.error, zlib.error, lzma.LZMAError,
+)  # fmt: skip
+
+
+class _Member:
     """A zip member's stream that says how far it was read (ZipExtFile's tell needs a seek)."""
 
-    def __init__(self, file: Any) -> None:
-        self._file = file
+    def __init__(self, opened: Callable[[], IO[bytes]], *, name: str, path: str) -> None:
+        self._name, self._path = name, path
         self._at = 0
+        with self._damage():
+            self._file = opened()
 
     def read(self, size: int = -1, /) -> bytes:
-        data: bytes = self._file.read(size)
+        with self._damage():
+            data = self._file.read(size)
         self._at += len(data)
         return data
 
     def tell(self) -> int:
         return self._at
+
+    @contextmanager
+    def _damage(self) -> Iterator[None]:
+        try:
+            yield
+        except _ZIP_DAMAGE as error:
+            raise InputError(
+                f"array '{self._name}' is damaged in the file.", path=self._path
+            ) from error
+
+
+def check_numbers(
+    dtype: np.dtype[Any], shape: tuple[int, ...], *, name: str, ndim: int, path: str
+) -> None:
+    """Raise InputError unless these are numbers of so many dimensions."""
+    if dtype.kind not in "iufb" or len(shape) != ndim:
+        raise InputError(
+            f"'{name}' must be {ndim}-dimensional numbers, it is {dtype} of shape {shape}.",
+            path=path,
+        )
 
 
 def as_floats(value: Any, *, name: str, ndim: int, path: str) -> NDArray[np.float64]:
@@ -161,10 +278,5 @@ def as_floats(value: Any, *, name: str, ndim: int, path: str) -> NDArray[np.floa
         array = np.asarray(value)
     except ValueError as error:
         raise InputError(f"'{name}' is not a regular array of numbers.", path=path) from error
-    if array.dtype.kind not in "iufb" or array.ndim != ndim:
-        raise InputError(
-            f"'{name}' must be {ndim}-dimensional numbers, it is {array.dtype} of shape "
-            f"{array.shape}.",
-            path=path,
-        )
+    check_numbers(array.dtype, array.shape, name=name, ndim=ndim, path=path)
     return np.ascontiguousarray(array, dtype=np.float64)

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import json
 import os
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from physretarget.clip.scratch import Rows
 from physretarget.errors import InputError
 from physretarget.files import npz_bytes, write_file
 
@@ -20,16 +22,15 @@ Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Clip:
-    """A character's motion.
+class Motion(ABC):
+    """What a clip says, however its poses are kept.
 
-    ``qpos`` (T, nq) in MuJoCo's layout (metres, radians, quaternions wxyz) and ``time`` (T,) s,
-    strictly increasing. ``contact_active`` (T, nc) says, where it is known, which of the
-    ``contact_points`` stand. ``meta`` is JSON-able: tool version, inputs with their SHA-256,
-    parameters, seed. ``notes`` are sentences about what was inferred or repaired on reading.
+    ``time`` (T,) s strictly increasing. ``contact_active`` (T, nc) says, where it is known,
+    which of the ``contact_points`` stand. ``meta`` is JSON-able: tool version, inputs with their
+    SHA-256, parameters, seed. ``notes`` are sentences about what was inferred or repaired on
+    reading.
     """
 
-    qpos: Floats
     time: Floats
     joint_names: tuple[str, ...] = ()
     model_name: str = ""
@@ -42,16 +43,14 @@ class Clip:
     sha256: str | None = None
     format: str = "physretarget"
 
-    def __post_init__(self) -> None:
-        check_motion(self.qpos, self.time, path=self.path)
-        active = self.contact_active
-        wanted = (len(self.time), len(self.contact_points))
-        if active is not None and active.shape != wanted:
-            raise InputError(
-                f"contact_active has shape {active.shape}, {wanted} (frames, contact points) "
-                "is needed.",
-                path=self.path,
-            )
+    @property
+    @abstractmethod
+    def nq(self) -> int:
+        """Coordinates per frame."""
+
+    @abstractmethod
+    def between(self, first: int, last: int) -> Floats:
+        """(last - first, nq) poses of the frames first to last - 1, as far as there are such."""
 
     @property
     def frames(self) -> int:
@@ -72,6 +71,67 @@ class Clip:
     def name(self) -> str:
         """The file's name, or the model's where the clip was never a file."""
         return Path(self.path).name if self.path else (self.model_name or "clip")
+
+    def _check_contacts(self) -> None:
+        active = self.contact_active
+        wanted = (len(self.time), len(self.contact_points))
+        if active is not None and active.shape != wanted:
+            raise InputError(
+                f"contact_active has shape {active.shape}, {wanted} (frames, contact points) "
+                "is needed.",
+                path=self.path,
+            )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LongClip(Motion):
+    """A motion whose poses are read when they are asked for: memory does not grow with them."""
+
+    rows: Rows
+
+    def __post_init__(self) -> None:
+        check_time(self.time, self.rows.shape, path=self.path)
+        for first, part in self.rows.parts():
+            check_finite(part, first, path=self.path)
+        self._check_contacts()
+
+    @property
+    def nq(self) -> int:
+        """Coordinates per frame."""
+        return self.rows.width
+
+    def between(self, first: int, last: int) -> Floats:
+        """(last - first, nq) poses of the frames first to last - 1."""
+        return self.rows.between(first, last)
+
+    def whole(self) -> Clip:
+        """The clip with all its poses in one array."""
+        told = {f.name: getattr(self, f.name) for f in fields(Motion)}
+        return Clip(qpos=self.rows.between(0, len(self.rows)), **told)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Clip(Motion):
+    """A character's motion, see :class:`Motion`.
+
+    ``qpos`` (T, nq) in MuJoCo's layout: metres, radians, quaternions wxyz.
+    """
+
+    qpos: Floats
+
+    def __post_init__(self) -> None:
+        check_time(self.time, self.qpos.shape, path=self.path)
+        check_finite(self.qpos, 0, path=self.path)
+        self._check_contacts()
+
+    @property
+    def nq(self) -> int:
+        """Coordinates per frame."""
+        return int(self.qpos.shape[1])
+
+    def between(self, first: int, last: int) -> Floats:
+        """(last - first, nq) poses of the frames first to last - 1."""
+        return self.qpos[max(0, first) : last]
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the clip: written beside its place, then renamed, so never half there."""
@@ -103,34 +163,36 @@ def _strings(values: tuple[str, ...]) -> NDArray[np.str_]:
     return np.array(values, dtype=np.str_) if values else np.zeros(0, dtype="<U1")
 
 
-def check_motion(qpos: Floats, time: Floats, *, path: str | None) -> None:
-    """Reject motion that nothing can be computed from, naming the frame."""
-    if qpos.ndim != 2 or time.ndim != 1 or len(qpos) != len(time):
+def check_time(time: Floats, shape: tuple[int, ...], *, path: str | None) -> None:
+    """Reject times that do not fit the poses' shape, or do not increase, naming the frame."""
+    if len(shape) != 2 or time.ndim != 1 or shape[0] != len(time):
         raise InputError(
-            f"qpos has shape {qpos.shape} and time {time.shape}, (frames, nq) and (frames,) "
-            "are needed.",
+            f"qpos has shape {shape} and time {time.shape}, (frames, nq) and (frames,) are needed.",
             path=path,
         )
-    if len(time) == 0 or qpos.shape[1] == 0:
+    if 0 in shape:
         raise InputError("the clip is empty: it has no frames or no coordinates.", path=path)
-    bad = ~np.isfinite(qpos)
-    if bad.any():
-        frame, column = (int(i) for i in np.argwhere(bad)[0])
-        value = qpos[frame, column]
-        raise InputError(
-            f"qpos column {column} is {value}, every value must be a finite number.",
-            path=path,
-            frame=frame,
-        )
     if not np.isfinite(time).all():
         frame = int(np.flatnonzero(~np.isfinite(time))[0])
         raise InputError(f"time is {time[frame]}, a number is needed.", path=path, frame=frame)
-    steps = np.diff(time)
-    if (steps <= 0).any():
-        frame = int(np.flatnonzero(steps <= 0)[0]) + 1
+    late = time[1:] <= time[:-1]
+    if late.any():
+        frame = int(np.flatnonzero(late)[0]) + 1
         raise InputError(
             f"time goes from {time[frame - 1]:.6g} s to {time[frame]:.6g} s, "
             "it must increase from frame to frame.",
             path=path,
             frame=frame,
+        )
+
+
+def check_finite(qpos: Floats, first: int, *, path: str | None) -> None:
+    """Reject poses (T, nq) that are no numbers; ``first`` is the number of their first frame."""
+    bad = ~np.isfinite(qpos)
+    if bad.any():
+        frame, column = (int(i) for i in np.argwhere(bad)[0])
+        raise InputError(
+            f"qpos column {column} is {qpos[frame, column]}, every value must be a finite number.",
+            path=path,
+            frame=first + frame,
         )

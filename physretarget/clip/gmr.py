@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from physretarget.clip.arrays import as_floats
+from physretarget.clip.arrays import Frames, Members, as_floats
 from physretarget.clip.pickles import unpickle
-from physretarget.clip.raw import Raw
+from physretarget.clip.raw import Raw, rows_of
 from physretarget.errors import InputError
 
 
@@ -30,9 +30,9 @@ def from_mapping(value: Mapping[Any, Any], *, path: str, sha256: str, format: st
     if missing:
         has = ", ".join(str(k) for k in list(value)[:8])
         raise InputError(f"a {format} needs '{missing[0]}', this one has {has}.", path=path)
-    position = as_floats(value["root_pos"], name="root_pos", ndim=2, path=path)
-    rotation = as_floats(value["root_rot"], name="root_rot", ndim=2, path=path)
-    joints = as_floats(value["dof_pos"], name="dof_pos", ndim=2, path=path)
+    position, rotation, joints = (
+        _frames(value, name, path) for name in ("root_pos", "root_rot", "dof_pos")
+    )
     shapes = (position.shape, rotation.shape, joints.shape)
     if position.shape[1] != 3 or rotation.shape[1] != 4 or len({s[0] for s in shapes}) != 1:
         raise InputError(
@@ -43,11 +43,17 @@ def from_mapping(value: Mapping[Any, Any], *, path: str, sha256: str, format: st
         format=format,
         path=path,
         sha256=sha256,
-        values=np.concatenate([position, rotation, joints], axis=1),
+        rows=rows_of(position, rotation, joints),
         joints=_names(value),
         order="xyzw",
         fps=_rate(value.get("fps"), path),
     )
+
+
+def _frames(value: Mapping[Any, Any], name: str, path: str) -> Frames:
+    if isinstance(value, Members):
+        return value.frames(name, ndim=2)
+    return Frames.of(as_floats(value[name], name=name, ndim=2, path=path))
 
 
 def _rate(value: Any, path: str) -> float | None:
@@ -62,6 +68,8 @@ def _rate(value: Any, path: str) -> float | None:
 def _names(value: Mapping[Any, Any]) -> tuple[str, ...] | None:
     for key in ("dof_names", "joint_names"):
         names = value.get(key)
-        if names is not None and len(names) and all(isinstance(n, str) for n in names):
-            return tuple(str(n) for n in names)
+        if isinstance(names, np.ndarray):
+            names = names.ravel().tolist()
+        if isinstance(names, (list, tuple)) and all(isinstance(n, str) for n in names):
+            return tuple(str(n) for n in names) or None
     return None

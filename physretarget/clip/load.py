@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import IO
 
 from physretarget.clip import gmr, locomujoco, mjlab, own, plain, table
-from physretarget.clip.arrays import MAX_BYTES, Members, as_floats, read_npy
-from physretarget.clip.core import Clip
+from physretarget.clip.arrays import MAX_BYTES, Members, npy_frames
+from physretarget.clip.core import Clip, LongClip
 from physretarget.clip.raw import JointOrder, Layout, Raw, Told, finish, order_of
 from physretarget.errors import InputError
 
@@ -30,6 +33,24 @@ def load_clip(
     not. Raises InputError for anything that cannot be used, UnsafeInputError for a file that
     tries to run code or claims absurd sizes.
     """
+    return open_clip(
+        path, character=character, fps=fps, quat=quat, joint_order=joint_order
+    ).whole()  # fmt: skip
+
+
+def open_clip(
+    path: str | os.PathLike[str],
+    *,
+    character: Layout | None = None,
+    fps: float | None = None,
+    quat: str | None = None,
+    joint_order: JointOrder | None = None,
+) -> LongClip:
+    """The same as :func:`load_clip`, its poses read when asked for: for clips of any length.
+
+    npz, npy and csv are read some frames at a time, poses of long clips set aside in a temporary
+    file. A pickle is one piece and is read as such.
+    """
     told = Told(fps=fps, quat=order_of(quat), joint_order=joint_order)
     source = Path(path)
     suffix = source.suffix.lower()
@@ -38,36 +59,47 @@ def load_clip(
             f"'{suffix or source.name}' is no clip format: {', '.join(CLIP_SUFFIXES)} are.",
             path=source,
         )
-    content = _content(source)
-    raw = _read(content, suffix, str(source), character, told)
-    return finish(raw, character, told)
+    with _opened(source) as file:
+        raw = _read(file, suffix, str(source), character, told)
+        return finish(raw, character, told)
 
 
-def _content(source: Path) -> bytes:
+@contextmanager
+def _opened(source: Path) -> Iterator[IO[bytes]]:
     try:
-        size = source.stat().st_size
-        if size > MAX_BYTES:
-            raise InputError(f"has {size} bytes, at most {MAX_BYTES} are read.", path=source)
-        content = source.read_bytes()
+        file = source.open("rb")
+        size = os.fstat(file.fileno()).st_size
     except OSError as error:
         raise InputError(f"cannot be read: {error.strerror}.", path=source) from error
-    if not content:
-        raise InputError("the file is empty.", path=source)
-    return content
+    with file:
+        if size > MAX_BYTES:
+            raise InputError(f"has {size} bytes, at most {MAX_BYTES} are read.", path=source)
+        if size == 0:
+            raise InputError("the file is empty.", path=source)
+        yield file
 
 
-def _read(content: bytes, suffix: str, path: str, character: Layout | None, told: Told) -> Raw:
-    digest = hashlib.sha256(content).hexdigest()
+def _read(file: IO[bytes], suffix: str, path: str, character: Layout | None, told: Told) -> Raw:
+    digest = hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type]
+    size = file.tell()
+    file.seek(0)
     if suffix == ".csv":
-        return table.read(content, path=path, sha256=digest)
+        return table.read(file, path=path, sha256=digest)
     if suffix == ".pkl":
-        return gmr.read(content, path=path, sha256=digest)
+        return gmr.read(file.read(), path=path, sha256=digest)
     if suffix == ".npy":
-        values = as_floats(
-            read_npy(content, size=len(content), path=path), name="qpos", ndim=2, path=path
-        )
-        return plain.from_qpos(values, path=path, sha256=digest)
-    members = Members(content, path=path)
+        array = npy_frames(lambda: _from_start(file), size=size, ndim=2, path=path)
+        return plain.from_qpos(array, path=path, sha256=digest)
+    return _read_npz(Members(file, path=path), digest, character, told)
+
+
+def _from_start(file: IO[bytes]) -> IO[bytes]:
+    file.seek(0)
+    return file
+
+
+def _read_npz(members: Members, digest: str, character: Layout | None, told: Told) -> Raw:
+    path = members.path
     if {"qpos", "time", "meta", "joint_names"} <= set(members):
         return own.read(members, sha256=digest)
     if {"qpos", "frequency"} <= set(members):
@@ -77,7 +109,7 @@ def _read(content: bytes, suffix: str, path: str, character: Layout | None, told
     if "qpos" in members:
         return plain.read(members, sha256=digest)
     if {"root_pos", "root_rot", "dof_pos"} <= set(members):
-        return gmr.from_mapping(dict(members), path=path, sha256=digest, format="GMR npz")
+        return gmr.from_mapping(members, path=path, sha256=digest, format="GMR npz")
     raise InputError(
         f"the npz holds {', '.join(sorted(members)[:8]) or 'nothing'}, a clip needs 'qpos' or "
         "'joint_pos' or 'root_pos', 'root_rot', 'dof_pos'.",

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from physretarget.clip.arrays import Members
-from physretarget.clip.raw import Raw
+from physretarget.clip.raw import Raw, rows_of
 
 
 def read(members: Members, *, sha256: str) -> Raw:
     """Read a LocoMuJoCo trajectory; its qpos is MuJoCo's, so quaternions are wxyz."""
     notes: tuple[str, ...] = ()
-    qpos = members.floats("qpos", ndim=2)
+    qpos, wanted = members.frames("qpos", ndim=2), None
     if "split_points" in members:
         splits = members["split_points"].ravel()
         if splits.size > 2 and splits.dtype.kind in "iu":
@@ -19,12 +19,12 @@ def read(members: Members, *, sha256: str) -> Raw:
                 f"The file holds {splits.size - 1} trajectories; the first ({first} frames) "
                 "is read.",
             )
-            qpos = qpos[:first]
+            wanted = first
     return Raw(
         format="LocoMuJoCo npz",
         path=members.path,
         sha256=sha256,
-        values=qpos,
+        rows=rows_of(qpos, frames=wanted),
         joints=members.strings("joint_names") if "joint_names" in members else None,
         order="wxyz",
         fps=members.scalar("frequency"),

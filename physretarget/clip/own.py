@@ -7,7 +7,7 @@ import json
 import numpy as np
 
 from physretarget.clip.arrays import Members
-from physretarget.clip.raw import Raw
+from physretarget.clip.raw import Raw, rows_of
 from physretarget.errors import InputError
 
 
@@ -26,12 +26,11 @@ def read(members: Members, *, sha256: str) -> Raw:
         if array.dtype != np.bool_ or array.ndim != 2:
             raise InputError("'contact_active' must be 2-dimensional booleans.", path=path)
         active = array.copy()
-    qpos = members.floats("qpos", ndim=2)
     return Raw(
         format="physretarget",
         path=path,
         sha256=sha256,
-        values=qpos,
+        rows=rows_of(members.frames("qpos", ndim=2)),
         rooted=False,  # without a character nothing is known about the columns
         joints=members.strings("joint_names") or None,
         order="wxyz",

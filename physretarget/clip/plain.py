@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from physretarget.clip.arrays import Members
-from physretarget.clip.core import Floats
-from physretarget.clip.raw import Raw
+from physretarget.clip.arrays import Frames, Members
+from physretarget.clip.raw import Raw, rows_of
 
 _RATES = ("fps", "frequency", "frame_rate", "framerate")
 _NAMES = ("joint_names", "dof_names")
 _QUAT_NOTE = "The array is a MuJoCo qpos: quaternions are taken as wxyz."
 
 
-def from_qpos(values: Floats, *, path: str, sha256: str) -> Raw:
+def from_qpos(values: Frames, *, path: str, sha256: str) -> Raw:
     """A bare (T, nq) array."""
     return Raw(
-        format="qpos npy", path=path, sha256=sha256, values=values, order="wxyz",
+        format="qpos npy", path=path, sha256=sha256, rows=rows_of(values), order="wxyz",
         notes=(_QUAT_NOTE,),
     )  # fmt: skip
 
@@ -34,7 +33,7 @@ def read(members: Members, *, sha256: str) -> Raw:
         format="holosoma npz" if holosoma else "qpos npz",
         path=members.path,
         sha256=sha256,
-        values=members.floats("qpos", ndim=2),
+        rows=rows_of(members.frames("qpos", ndim=2)),
         joints=names or None,
         order="wxyz",
         time=members.floats("time", ndim=1) if "time" in members else None,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -53,25 +54,36 @@ def decide_order(quat: Floats, *, path: str) -> tuple[QuatOrder, str]:
     )
 
 
-def repair(qpos: Floats, quats: NDArray[np.int64], *, path: str, notes: list[str]) -> None:
-    """Normalise quaternions in place; report repairs, refuse what is no rotation."""
-    worst, worst_frame = 0.0, 0
-    for columns in quats:
-        norm = np.linalg.norm(qpos[:, columns], axis=1)
-        off = np.abs(norm - 1)
-        frame = int(np.argmax(off))
-        if off[frame] > _REPAIRABLE:
-            raise InputError(
-                f"the quaternion in columns {columns[0]}..{columns[3]} has length "
-                f"{norm[frame]:.4g}, 1 is needed (up to 10 % off is repaired).",
-                path=path,
-                frame=frame,
-            )
-        if off[frame] > worst:
-            worst, worst_frame = float(off[frame]), frame
-        qpos[:, columns] /= norm[:, None]
-    if worst > _ROUNDING:
-        notes.append(
-            f"Quaternions were normalised: the length was off by up to {worst:.2g} "
-            f"(frame {worst_frame})."
-        )
+@dataclass(kw_only=True)
+class Lengths:
+    """Normalises quaternions part by part; reports repairs, refuses what is no rotation."""
+
+    path: str
+    worst: float = 0.0
+    frame: int = 0
+
+    def repair(self, qpos: Floats, quats: NDArray[np.int64], first: int) -> None:
+        """Normalise (T, nq) in place; ``first`` is the number of its first frame."""
+        for columns in quats:
+            norm = np.linalg.norm(qpos[:, columns], axis=1)
+            off = np.abs(norm - 1)
+            frame = int(np.argmax(off))
+            if off[frame] > _REPAIRABLE:
+                raise InputError(
+                    f"the quaternion in columns {columns[0]}..{columns[3]} has length "
+                    f"{norm[frame]:.4g}, 1 is needed (up to 10 % off is repaired).",
+                    path=self.path,
+                    frame=first + frame,
+                )
+            if off[frame] > self.worst:
+                self.worst, self.frame = float(off[frame]), first + frame
+            qpos[:, columns] /= norm[:, None]
+
+    def notes(self) -> list[str]:
+        """What was repaired, beyond rounding."""
+        if self.worst <= _ROUNDING:
+            return []
+        return [
+            f"Quaternions were normalised: the length was off by up to {self.worst:.2g} "
+            f"(frame {self.frame})."
+        ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from typing import Literal, Protocol, cast
@@ -9,8 +10,10 @@ from typing import Literal, Protocol, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from physretarget.clip.core import Bools, Clip, Floats
-from physretarget.clip.quaternion import QuatOrder, decide_order, repair
+from physretarget.clip.arrays import Frames
+from physretarget.clip.core import Bools, Floats, LongClip
+from physretarget.clip.quaternion import Lengths, QuatOrder, decide_order
+from physretarget.clip.scratch import Rows
 from physretarget.errors import InputError, UsageError
 from physretarget.kinematics import Tree
 
@@ -63,7 +66,7 @@ class Told:
 class Raw:
     """A file's numbers before they are understood.
 
-    ``values`` (T, n): root position and quaternion (when ``rooted``) and then the joints, or a
+    ``rows`` (T, n): root position and quaternion (when ``rooted``) and then the joints, or a
     whole qpos. ``joints`` names what follows the root, or all joints, or is None when the
     file names nothing. ``order`` is the root quaternion's order where the format fixes it.
     """
@@ -71,7 +74,7 @@ class Raw:
     format: str
     path: str
     sha256: str
-    values: Floats
+    rows: Rows
     rooted: bool = True
     joints: tuple[str, ...] | None = None
     order: QuatOrder | None = None
@@ -85,31 +88,31 @@ class Raw:
     notes: tuple[str, ...] = ()
 
 
-def finish(raw: Raw, character: Layout | None, told: Told) -> Clip:
+def finish(raw: Raw, character: Layout | None, told: Told) -> LongClip:
     """Order, check and repair: the one way from any importer to a clip."""
     notes = list(raw.notes)
     _reject_nonfinite(raw)
     time = _time(raw, told, notes)
-    qpos = raw.values if character is None else _in_model_order(raw, character, notes)
-    quats = _quaternions(raw, qpos, character)
-    if len(quats):
-        qpos = qpos.copy()
-        _settle_order(raw, qpos, quats, told, notes)
-        repair(qpos, quats, path=raw.path, notes=notes)
+    columns = _model_order(raw, character, notes)
+    quats = _quaternions(raw, character)
+    wanted = _quaternion_order(raw, columns, quats, told, notes)
+    if wanted == "xyzw":
+        for quat in quats:
+            columns[quat] = columns[np.roll(quat, 1)]
+    rows = _arranged(raw, columns, quats, notes)
     names = raw.joints or ()
     if character is not None:
         names = tuple(character.joint_names)
         _compare_model(raw, character, notes)
-    meta = dict(raw.meta)
-    return Clip(
-        qpos=np.ascontiguousarray(qpos),
+    return LongClip(
+        rows=rows,
         time=time,
         joint_names=names,
         model_name=raw.model_name or (character.name if character else ""),
         model_sha256=raw.model_sha256,
         contact_points=raw.contact_points,
         contact_active=raw.contact_active,
-        meta=meta,
+        meta=dict(raw.meta),
         notes=tuple(notes),
         path=raw.path,
         sha256=raw.sha256,
@@ -117,22 +120,42 @@ def finish(raw: Raw, character: Layout | None, told: Told) -> Clip:
     )
 
 
+def _arranged(
+    raw: Raw, columns: NDArray[np.int64], quats: NDArray[np.int64], notes: list[str]
+) -> Rows:
+    """The file's columns in the order of the clip, quaternions of unit length."""
+    if len(quats) == 0 and (columns == np.arange(raw.rows.width)).all():
+        return raw.rows
+    lengths = Lengths(path=raw.path)
+
+    def parts() -> Iterator[Floats]:
+        for first, part in raw.rows.parts():
+            qpos = part[:, columns]
+            lengths.repair(qpos, quats, first)
+            yield qpos
+
+    rows = Rows(parts(), len(columns))
+    notes += lengths.notes()
+    return rows
+
+
 def _reject_nonfinite(raw: Raw) -> None:
-    if raw.values.ndim != 2 or 0 in raw.values.shape:
-        raise InputError(f"holds no frames: its data have shape {raw.values.shape}.", path=raw.path)
-    bad = ~(np.abs(raw.values) <= _ABSURD)
-    if bad.any():
-        frame, column = (int(i) for i in np.argwhere(bad)[0])
-        raise InputError(
-            f"column {column} is {raw.values[frame, column]:.6g}, every value must be a finite "
-            f"number (at most {_ABSURD:g}).",
-            path=raw.path,
-            frame=frame,
-        )
+    if 0 in raw.rows.shape:
+        raise InputError(f"holds no frames: its data have shape {raw.rows.shape}.", path=raw.path)
+    for first, part in raw.rows.parts():
+        bad = ~(np.abs(part) <= _ABSURD)
+        if bad.any():
+            frame, column = (int(i) for i in np.argwhere(bad)[0])
+            raise InputError(
+                f"column {column} is {part[frame, column]:.6g}, every value must be a finite "
+                f"number (at most {_ABSURD:g}).",
+                path=raw.path,
+                frame=first + frame,
+            )
 
 
 def _time(raw: Raw, told: Told, notes: list[str]) -> Floats:
-    frames = len(raw.values)
+    frames = len(raw.rows)
     if raw.time is not None:
         if told.fps is not None:
             notes.append(
@@ -154,24 +177,27 @@ def _time(raw: Raw, told: Told, notes: list[str]) -> Floats:
     return np.arange(frames, dtype=np.float64) / fps
 
 
-def _in_model_order(raw: Raw, character: Layout, notes: list[str]) -> Floats:
-    tree, values = character.tree, raw.values
-    if values.shape[1] != tree.nq:
+def _model_order(raw: Raw, character: Layout | None, notes: list[str]) -> NDArray[np.int64]:
+    """For each coordinate of the clip, the file's column that holds it."""
+    as_they_are = np.arange(raw.rows.width)
+    if character is None:
+        return as_they_are
+    if raw.rows.width != character.tree.nq:
         raise InputError(
-            f"the clip has {values.shape[1]} coordinates per frame, "
-            f"model '{character.name}' has nq = {tree.nq}.",
+            f"the clip has {raw.rows.width} coordinates per frame, "
+            f"model '{character.name}' has nq = {character.tree.nq}.",
             path=raw.path,
         )
     if raw.joints is None:
         notes.append(
-            f"The file names no joints: its {tree.nq} columns are taken in the order of "
-            f"model '{character.name}'."
+            f"The file names no joints: its {character.tree.nq} columns are taken in the order "
+            f"of model '{character.name}'."
         )
-        return values
+        return as_they_are
     columns = _columns(raw, character)
     if (np.diff(columns) != 1).any():
         notes.append("Joints were put into the model's order by their names.")
-    return values[:, columns]
+    return columns
 
 
 def _columns(raw: Raw, character: Layout) -> NDArray[np.int64]:
@@ -219,27 +245,31 @@ def _few(names: list[str]) -> str:
     return f"joint{'s' if len(names) > 1 else ''} {shown}{rest} {'are' if len(names) > 1 else 'is'}"
 
 
-def _quaternions(raw: Raw, qpos: Floats, character: Layout | None) -> NDArray[np.int64]:
+def _quaternions(raw: Raw, character: Layout | None) -> NDArray[np.int64]:
     if character is not None:
         return character.tree.quats[0]
-    if raw.rooted and qpos.shape[1] >= 7:
+    if raw.rooted and raw.rows.width >= 7:
         return np.arange(3, 7, dtype=np.int64)[None]
     return np.zeros((0, 4), dtype=np.int64)
 
 
-def _settle_order(
-    raw: Raw, qpos: Floats, quats: NDArray[np.int64], told: Told, notes: list[str]
-) -> None:
-    """Bring quaternions to wxyz, in place, by what was told, the format, or inference."""
+def _quaternion_order(
+    raw: Raw,
+    columns: NDArray[np.int64],
+    quats: NDArray[np.int64],
+    told: Told,
+    notes: list[str],
+) -> QuatOrder:
+    """The file's order of quaternions: what was told, the format's, or inferred."""
     order = told.quat or raw.order
+    if len(quats) == 0:
+        return order or "wxyz"
     if told.quat and raw.order and told.quat != raw.order:
         notes.append(f"Quaternions read as {told.quat} as told; {raw.format} uses {raw.order}.")
     if order is None:
-        order, reason = decide_order(qpos[:, quats[0]], path=raw.path)
+        order, reason = decide_order(raw.rows.columns(columns[quats[0]]), path=raw.path)
         notes.append(reason)
-    if order == "xyzw":
-        for columns in quats:
-            qpos[:, columns] = qpos[:, np.roll(columns, 1)]
+    return order
 
 
 def _compare_model(raw: Raw, character: Layout, notes: list[str]) -> None:
@@ -248,6 +278,21 @@ def _compare_model(raw: Raw, character: Layout, notes: list[str]) -> None:
             f"The clip was made with another version of its model: {raw.model_sha256[:12]}, "
             f"judged with {character.sha256[:12]}."
         )
+
+
+def rows_of(*arrays: Frames, frames: int | None = None) -> Rows:
+    """Arrays (T, n) of equal length side by side, as rows; of the first ``frames`` if told."""
+    count = arrays[0].shape[0] if frames is None else min(frames, arrays[0].shape[0])
+
+    def parts() -> Iterator[Floats]:
+        done = 0
+        for together in zip(*(a.parts() for a in arrays), strict=True):
+            if done >= count:
+                return
+            yield np.concatenate(together, axis=1)[: count - done]
+            done += len(together[0])
+
+    return Rows(parts(), sum(a.shape[1] for a in arrays))
 
 
 def order_of(text: str | None) -> QuatOrder | None:

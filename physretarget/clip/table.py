@@ -6,44 +6,108 @@ when only one makes sense.
 
 from __future__ import annotations
 
+import io
+from collections.abc import Iterator
+from itertools import chain
+from typing import IO
+
 import numpy as np
 
 from physretarget.clip.core import Floats
 from physretarget.clip.quaternion import QuatOrder
 from physretarget.clip.raw import Raw
+from physretarget.clip.scratch import PART, Rows
 from physretarget.errors import InputError
 
 _TIME = ("time", "t", "time_s", "timestamp")
+# 40 000 numbers of 25 digits: a line beyond is no frame, and reading it whole might not end.
+_LONGEST_LINE = 1 << 20
+
+Lines = Iterator[tuple[int, str]]
 
 
-def read(content: bytes, *, path: str, sha256: str) -> Raw:
+def read(file: IO[bytes], *, path: str, sha256: str) -> Raw:
     """Read a table of numbers, with or without a header line of joint names."""
-    try:
-        lines = content.decode("utf-8-sig").splitlines()
-    except UnicodeDecodeError as error:
-        raise InputError("is not text (UTF-8).", path=path) from error
-    first = next((i for i, line in enumerate(lines) if line.strip()), None)
+    lines = _lines(file, path)
+    first = next(lines, None)
     if first is None:
         raise InputError("the file is empty.", path=path)
-    cells = _split(lines[first])
+    cells = _split(first[1])
     header = None if all(_number(c) is not None for c in cells) else cells
-    start = first + (header is not None)
-    values = _numbers(lines, start, path)
-    time = None
-    if header is not None and len(header) != values.shape[1]:
+    parts = _parts(lines if header is not None else chain([first], lines), path)
+    ahead = next(parts, None)
+    if ahead is None:
+        raise InputError("the file has a header but no rows.", path=path)
+    if header is not None and len(header) != ahead.shape[1]:
         raise InputError(
-            f"the header has {len(header)} names, the rows have {values.shape[1]} numbers.",
+            f"the header has {len(header)} names, the rows have {ahead.shape[1]} numbers.",
             path=path,
-            line=first + 1,
+            line=first[0],
         )
+    parts = chain([ahead], parts)
+    times: list[Floats] | None = None
     if header is not None and header[0].lower() in _TIME:
-        time, values, header = values[:, 0].copy(), values[:, 1:], header[1:]
+        times, header = [], header[1:]
+        parts = _without_time(parts, times)
+    rows = Rows(parts, ahead.shape[1] - (times is not None))
     order = _header_order(header)
     joints = None if header is None else tuple(header[7:] if order else header)
     return Raw(
-        format="csv", path=path, sha256=sha256, values=values, joints=joints,
-        order=order, time=time,
+        format="csv", path=path, sha256=sha256, rows=rows, joints=joints, order=order,
+        time=None if times is None else np.concatenate(times),
     )  # fmt: skip
+
+
+def _without_time(parts: Iterator[Floats], times: list[Floats]) -> Iterator[Floats]:
+    """Everything but the first column, which is gathered in ``times``."""
+    for part in parts:
+        times.append(part[:, 0].copy())
+        yield part[:, 1:]
+
+
+def _lines(file: IO[bytes], path: str) -> Lines:
+    """Number (from 1) and text of every line that is not empty."""
+    text = io.TextIOWrapper(file, encoding="utf-8-sig")
+    number = 0
+    try:
+        while line := text.readline(_LONGEST_LINE):
+            number += 1
+            if len(line) == _LONGEST_LINE and not line.endswith("\n"):
+                raise InputError(
+                    f"the line is longer than {_LONGEST_LINE} characters.", path=path, line=number
+                )
+            if line.strip():
+                yield number, line
+    except UnicodeDecodeError as error:
+        raise InputError("is not text (UTF-8).", path=path) from error
+
+
+def _parts(lines: Lines, path: str) -> Iterator[Floats]:
+    """The numbers of the rows, some rows at a time."""
+    rows: list[list[float]] = []
+    width = 0
+    for number, line in lines:
+        row = _row(line, number, path)
+        width = width or len(row)
+        if len(row) != width:
+            raise InputError(
+                f"this row has {len(row)} numbers, the first has {width}.", path=path, line=number
+            )
+        rows.append(row)
+        if len(rows) == PART:
+            yield np.array(rows, dtype=np.float64)
+            rows = []
+    if rows:
+        yield np.array(rows, dtype=np.float64)
+
+
+def _row(line: str, number: int, path: str) -> list[float]:
+    cells = _split(line)
+    row = [_number(cell) for cell in cells]
+    if None in row:
+        bad = cells[row.index(None)]
+        raise InputError(f"'{bad:.30}' is not a number.", path=path, line=number)
+    return [v for v in row if v is not None]
 
 
 def _split(line: str) -> list[str]:
@@ -56,28 +120,6 @@ def _number(text: str) -> float | None:
         return float(text)
     except ValueError:
         return None
-
-
-def _numbers(lines: list[str], start: int, path: str) -> Floats:
-    rows: list[list[float]] = []
-    for number, line in enumerate(lines[start:], start=start + 1):
-        if not line.strip():
-            continue
-        cells = _split(line)
-        row = [_number(cell) for cell in cells]
-        if None in row:
-            bad = cells[row.index(None)]
-            raise InputError(f"'{bad:.30}' is not a number.", path=path, line=number)
-        if rows and len(row) != len(rows[0]):
-            raise InputError(
-                f"this row has {len(row)} numbers, the first has {len(rows[0])}.",
-                path=path,
-                line=number,
-            )
-        rows.append([v for v in row if v is not None])
-    if not rows:
-        raise InputError("the file has a header but no rows.", path=path)
-    return np.array(rows, dtype=np.float64)
 
 
 def _header_order(header: list[str] | None) -> QuatOrder | None:

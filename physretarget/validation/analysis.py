@@ -1,13 +1,14 @@
 """Everything that rules and measures read, computed once per clip and frame.
 
 The clip is worked through in chunks: what a chunk needs in poses, contact points and forces
-is dropped when its per-frame results are kept, so that memory grows with the clip only by
-the results (a few hundred bytes a frame).
+is dropped when its per-frame results are set aside, and these are read one at a time, so that
+memory hardly grows with the clip.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -15,10 +16,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from physretarget.clip import Clip
+from physretarget.clip import Motion
 from physretarget.kinematics import slerp
 from physretarget.mjcf import Character, lowpass
 from physretarget.validation.chunk import Chunk, Workspace, analyse_chunk
+from physretarget.validation.series import Gathered
 from physretarget.validation.smear import dilated, pushed, reach_frames, straight
 from physretarget.validation.smoothness import WINDOW_S
 
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Poses = Callable[[int, int], Floats]
 
 CHUNK = 1024
 # Frames beyond a chunk's ends that differences of third order reach, on top of a window.
@@ -46,19 +49,19 @@ class Analysis:
 
     ``time`` (T,) s is uniform. ``series`` maps a name to (T,) or (T, n) arrays, see
     :class:`physretarget.validation.chunk.Chunk` for their meanings; a missing name could not
-    be computed and ``missing`` says why. ``raw`` (T, nq) is the clip before the filter.
+    be computed. ``poses`` (first, last) gives the frames (last - first, nq) before the filter.
     """
 
-    clip: Clip
+    clip: Motion
     character: Character
     settings: Settings
     time: Floats
     fps: float
     tolerance: float
     friction: float
-    raw: Floats
+    poses: Poses
     work: Workspace
-    series: dict[str, NDArray[np.generic]] = field(default_factory=dict)
+    series: Mapping[str, NDArray[np.generic]] = field(default_factory=dict)
     uneven: Floats = field(default_factory=lambda: np.zeros(0))
 
     @property
@@ -108,13 +111,13 @@ class Analysis:
         return "the model has no contact geometry"
 
 
-def analyse(clip: Clip, character: Character, settings: Settings) -> Analysis:
+def analyse(clip: Motion, character: Character, settings: Settings) -> Analysis:
     """Compute every series of a clip.
 
     Raises UsageError where the filter does not fit the frame rate, InputError where the clip
     does not fit the model.
     """
-    time, raw, uneven = _uniform(clip, character)
+    time, poses, uneven = _uniform(clip, character)
     fps = (len(time) - 1) / float(time[-1] - time[0]) if len(time) > 1 else 0.0
     height = max(character.com_height, 1e-3)
     tolerance = settings.contact_tolerance_m
@@ -122,27 +125,26 @@ def analyse(clip: Clip, character: Character, settings: Settings) -> Analysis:
         tolerance = float(np.clip(_TOLERANCE_OF_HEIGHT * height, *_TOLERANCE_M))
     friction = settings.friction or character.friction
     work = Workspace.build(character, tolerance=tolerance, friction=friction)
-    kept: list[dict[str, NDArray[np.generic]]] = []
+    series = Gathered()
     reach = reach_frames(fps, settings.lowpass_hz)
     halo = _HALO + max(reach, math.ceil(WINDOW_S * fps / 2))
     for first in range(0, len(time), CHUNK):
         last = min(first + CHUNK, len(time))
         start, stop = max(0, first - halo), min(len(time), last + halo)
-        given = raw[start:stop]
+        given = poses(start, stop)
         smooth = given
-        if settings.lowpass_hz is not None and len(raw) > 1:
-            smooth = _filtered(character, raw, fps, settings.lowpass_hz, start, stop)
+        if settings.lowpass_hz is not None and len(time) > 1:
+            smooth = _filtered(character, poses, len(time), fps, settings.lowpass_hz, start, stop)
         chunk = Chunk(
             qpos=smooth, raw=given, time=time[start:stop],
             keep=slice(first - start, last - start), reach=reach,
         )  # fmt: skip
-        kept.append({name: _slim(name, s) for name, s in analyse_chunk(work, chunk).items()})
-    names = list(kept[0])
-    series = {name: np.concatenate([part.pop(name) for part in kept]) for name in names}
-    series |= _over_time(character, series, fps, settings.lowpass_hz)
+        series.add({name: _slim(name, s) for name, s in analyse_chunk(work, chunk).items()})
+    series.add(_over_time(character, series, fps, settings.lowpass_hz))
     return Analysis(
         clip=clip, character=character, settings=settings, time=time, fps=fps,
-        tolerance=tolerance, friction=friction, raw=raw, work=work, series=series, uneven=uneven,
+        tolerance=tolerance, friction=friction, poses=poses, work=work, series=series,
+        uneven=uneven,
     )  # fmt: skip
 
 
@@ -157,13 +159,13 @@ def _slim(name: str, series: NDArray[np.generic]) -> NDArray[np.generic]:
 
 
 def _over_time(
-    character: Character, series: dict[str, NDArray[np.generic]], fps: float, hz: float | None
+    character: Character, series: Mapping[str, NDArray[np.generic]], fps: float, hz: float | None
 ) -> dict[str, NDArray[np.generic]]:
     """What takes a clip as a whole: pushes smeared by the filter, and friction beside them."""
     if "required_force" not in series:
         return {}
     required = np.asarray(series["required_force"], dtype=np.float64)
-    path = np.asarray(series.pop("given_com"), dtype=np.float64)
+    path = np.asarray(series["given_com"], dtype=np.float64)
     gravity = float(np.linalg.norm(character.model.opt.gravity))
     force = straight(required, path, fps, hz, gravity)
     anywhere = np.ones(len(force), dtype=bool)
@@ -179,30 +181,40 @@ def _over_time(
 
 
 def _filtered(
-    character: Character, raw: Floats, fps: float, hz: float, start: int, stop: int
+    character: Character, poses: Poses, frames: int, fps: float, hz: float, start: int, stop: int
 ) -> Floats:
     """Frames start to stop of the filtered clip, as if it had been filtered as a whole."""
     # The filter forgets by exp(-2 pi hz t / sqrt(2)): 1e-19 after ten periods.
     reach = math.ceil(_FORGOTTEN_PERIODS * fps / hz)
-    before, behind = max(0, start - reach), min(len(raw), stop + reach)
-    smooth = lowpass(character, raw[before:behind], fps, hz)
+    before, behind = max(0, start - reach), min(frames, stop + reach)
+    smooth = lowpass(character, poses(before, behind), fps, hz)
     return smooth[start - before : stop - before]
 
 
-def _uniform(clip: Clip, character: Character) -> tuple[Floats, Floats, Floats]:
+def _uniform(clip: Motion, character: Character) -> tuple[Floats, Poses, Floats]:
     """The clip on a uniform time axis: itself, or resampled at its mean rate."""
     time = clip.time - clip.time[0]
     if len(time) < 3:
-        return time, clip.qpos, np.zeros(0)
+        return time, clip.between, np.zeros(0)
     step = time[-1] / (len(time) - 1)
     deviation = np.abs(np.diff(time) - step) / step
     even = np.arange(len(time)) * step
     if deviation.max() <= _UNIFORM:
-        return even, clip.qpos, np.zeros(0)
+        return even, clip.between, np.zeros(0)
     after = np.clip(np.searchsorted(time, even, side="right"), 1, len(time) - 1)
     share = (even - time[after - 1]) / (time[after] - time[after - 1])
-    before, behind = clip.qpos[after - 1], clip.qpos[after]
+
+    def poses(first: int, last: int) -> Floats:
+        here, part = after[first:last], share[first:last]
+        given = clip.between(int(here[0]) - 1, int(here[-1]) + 1)
+        behind = here - (here[0] - 1)
+        return _between(character, given[behind - 1], given[behind], part)
+
+    return even, poses, deviation
+
+
+def _between(character: Character, before: Floats, behind: Floats, share: Floats) -> Floats:
     qpos = before + share[:, None] * (behind - before)
     for columns in character.tree.quats[0]:
         qpos[:, columns] = slerp(before[:, columns], behind[:, columns], share)
-    return even, qpos, deviation
+    return qpos

@@ -76,7 +76,8 @@ def _feet(analysis: Analysis) -> tuple[int, Floats]:
     points, floor = analysis.work.points, analysis.character.floor_height
     parts = []
     for first in range(0, analysis.frames, CHUNK):
-        pose = kinematics.forward(analysis.character.tree, analysis.raw[first : first + CHUNK])
+        poses = analysis.poses(first, min(first + CHUNK, analysis.frames))
+        pose = kinematics.forward(analysis.character.tree, poses)
         low = lowest_points(pose, points)
         rows = np.arange(len(low))
         feet = []

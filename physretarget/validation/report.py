@@ -96,12 +96,21 @@ class UsedSettings:
     contact: str
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class ContactForces:
-    """The contact forces that were found, to be drawn: origin (T, 4, 3) m, vector (T, 4, 3) BW."""
+    """The contact forces that were found, to be drawn: of every frame the four largest."""
 
-    origin: NDArray[np.float32]
-    vector: NDArray[np.float32]
+    def __init__(self, arrays: Mapping[str, NDArray[np.float32]]) -> None:
+        self._arrays = arrays
+
+    @property
+    def origin(self) -> NDArray[np.float32]:
+        """(T, 4, 3) m."""
+        return self._arrays["origin"]
+
+    @property
+    def vector(self) -> NDArray[np.float32]:
+        """(T, 4, 3) BW."""
+        return self._arrays["vector"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -109,7 +118,7 @@ class Report:
     """The whole verdict on one clip.
 
     ``series`` are per-frame arrays (T,) for timelines, ``forces`` the contact forces for a
-    replay; both stay out of the JSON.
+    replay; both stay out of the JSON, and are read when asked for, every time anew.
     ``accepted`` counts findings that a baseline took out.
     """
 

@@ -81,9 +81,10 @@ def straight(
         return required
     pad = min(frames - 1, math.ceil(3 * fps / lowpass_hz))
     sos = butter(2, 2 * lowpass_hz / fps, output="sos")
-    path = sosfiltfilt(sos, com, axis=0, padtype="odd", padlen=pad)
     force = required.copy()  # one-sided ends stay what they are
-    force[1:-1] = (path[2:] - 2 * path[1:-1] + path[:-2]) * fps**2 / gravity
+    for axis in range(3):  # one after the other: an hour's path is long
+        path = sosfiltfilt(sos, com[:, axis], padtype="odd", padlen=pad)
+        force[1:-1, axis] = (path[2:] - 2 * path[1:-1] + path[:-2]) * fps**2 / gravity
     force[1:-1, 2] += 1.0
     return force
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from physretarget._version import __version__
-from physretarget.clip import Clip
+from physretarget.clip import Motion
 from physretarget.errors import InputError
 from physretarget.mjcf import Character
 from physretarget.validation.analysis import Analysis, analyse
@@ -27,6 +28,7 @@ from physretarget.validation.report import (
     Report,
     UsedSettings,
 )
+from physretarget.validation.series import Shown
 
 DERIVATIVE = "central differences, second order"
 # Per-frame arrays that timelines show, by the names they have there.
@@ -43,17 +45,17 @@ _SERIES = {
 }
 
 
-def validate(clip: Clip, character: Character, *, settings: Settings | None = None) -> Report:
-    """Judge a clip.
+def validate(clip: Motion, character: Character, *, settings: Settings | None = None) -> Report:
+    """Judge a clip; one from :func:`physretarget.clip.open_clip` may be of any length.
 
     Raises InputError where the clip does not fit the model, UsageError where settings make no
     sense. What cannot be judged is in the report's coverage, never an exception.
     """
     settings = settings or Settings()
     chosen = settings.chosen(RULES)
-    if clip.qpos.shape[1] != character.tree.nq:
+    if clip.nq != character.tree.nq:
         raise InputError(
-            f"the clip has {clip.qpos.shape[1]} coordinates per frame, "
+            f"the clip has {clip.nq} coordinates per frame, "
             f"model '{character.name}' has nq = {character.tree.nq}.",
             path=clip.path,
         )
@@ -86,7 +88,7 @@ def validate(clip: Clip, character: Character, *, settings: Settings | None = No
 
 
 def validate_many(
-    clips: Sequence[Clip],
+    clips: Sequence[Motion],
     character: Character,
     *,
     settings: Settings | None = None,
@@ -133,20 +135,32 @@ def _forces(analysis: Analysis) -> ContactForces | None:
     if "arrow_force" not in analysis.has:
         return None
     return ContactForces(
-        origin=np.asarray(analysis.series["arrow_origin"], dtype=np.float32),
-        vector=np.asarray(analysis.series["arrow_force"], dtype=np.float32),
+        Shown(
+            {
+                "origin": partial(_single, analysis.series, "arrow_origin"),
+                "vector": partial(_single, analysis.series, "arrow_force"),
+            }
+        )
     )
 
 
-def _series(analysis: Analysis) -> dict[str, NDArray[np.float32]]:
-    def kept(name: str) -> NDArray[np.float32]:
-        return np.asarray(analysis.series[name], dtype=np.float32)
+def _single(
+    series: Mapping[str, NDArray[np.generic]], name: str, column: int | None = None
+) -> NDArray[np.float32]:
+    array = series[name] if column is None else series[name][:, column]
+    return np.ascontiguousarray(array, dtype=np.float32)
 
-    series = {shown: kept(name) for shown, name in _SERIES.items() if name in analysis.has}
+
+def _series(analysis: Analysis) -> Shown:
+    made = {
+        shown: partial(_single, analysis.series, name)
+        for shown, name in _SERIES.items()
+        if name in analysis.has
+    }
     for shown, name in (
         ("required_force_vertical_bw", "required_force"),
         ("contact_force_vertical_bw", "contact_force"),
     ):
         if name in analysis.has:
-            series[shown] = kept(name)[:, 2].copy()
-    return series
+            made[shown] = partial(_single, analysis.series, name, 2)
+    return Shown(made)
