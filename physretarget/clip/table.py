@@ -36,6 +36,7 @@ def read(file: IO[bytes], *, path: str, sha256: str) -> Raw:
     header = None if all(_number(c) is not None for c in cells) else cells
     parts = _parts(lines if header is not None else chain([first], lines), path)
     ahead = next(parts, None)
+    line = first[0] + (header is not None)
     if ahead is None:
         raise InputError("the file has a header but no rows.", path=path)
     if header is not None and len(header) != ahead.shape[1]:
@@ -54,7 +55,7 @@ def read(file: IO[bytes], *, path: str, sha256: str) -> Raw:
     joints = None if header is None else tuple(header[7:] if order else header)
     return Raw(
         format="csv", path=path, sha256=sha256, rows=rows, joints=joints, order=order,
-        time=None if times is None else np.concatenate(times),
+        time=None if times is None else np.concatenate(times), meta={"first_line": line},
     )  # fmt: skip
 
 

@@ -70,9 +70,10 @@ def _result(finding: Finding, report: Report, index: int) -> dict[str, Any]:
     if finding.frame_first is not None:
         message += f" [frames {finding.frame_first}-{finding.frame_last}, look at {finding.frame}]"
     physical: dict[str, Any] = {"artifactLocation": {"uri": _uri(report.clip.path), "index": index}}
-    if finding.frame_first is not None and report.clip.path.lower().endswith(".csv"):
+    top = report.clip.first_line
+    if finding.frame_first is not None and top is not None:
         last = finding.frame_last if finding.frame_last is not None else finding.frame_first
-        physical["region"] = {"startLine": finding.frame_first + 1, "endLine": last + 1}
+        physical["region"] = {"startLine": top + finding.frame_first, "endLine": top + last}
     location: dict[str, Any] = {"physicalLocation": physical}
     if finding.body:
         location["logicalLocations"] = [{"name": finding.body, "kind": "object"}]
@@ -107,4 +108,6 @@ def _gaps(report: Report) -> list[dict[str, Any]]:
 
 
 def _uri(path: str) -> str:
-    return quote(PurePath(path).as_posix(), safe="/:")
+    """A relative reference, or a file URI: a reference must not begin with a slash."""
+    pure = PurePath(path)
+    return pure.as_uri() if pure.is_absolute() else quote(pure.as_posix(), safe="/:")

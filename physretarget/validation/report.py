@@ -62,7 +62,7 @@ class Coverage:
 
 @dataclass(frozen=True, kw_only=True)
 class ClipFacts:
-    """The clip as judged."""
+    """The clip as judged; ``first_line`` is the line of its first frame in a text file."""
 
     path: str
     sha256: str
@@ -70,6 +70,7 @@ class ClipFacts:
     duration_s: float
     fps: float
     notes: tuple[str, ...] = ()
+    first_line: int | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -105,9 +105,11 @@ def validate_many(
 
 def _clip_facts(analysis: Analysis) -> ClipFacts:
     clip = analysis.clip
+    line = clip.meta.get("first_line")
     return ClipFacts(
         path=clip.path or clip.name, sha256=clip.sha256 or "", frames=clip.frames,
         duration_s=clip.duration, fps=clip.fps, notes=clip.notes,
+        first_line=line if isinstance(line, int) else None,
     )  # fmt: skip
 
 

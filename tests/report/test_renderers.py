@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 from xml.etree import ElementTree as Xml
 
 import jsonschema
 import numpy as np
 import pytest
+from jsonschema import Draft4Validator, ValidationError
 
 from physretarget.report.json import render_json, schema
 from physretarget.report.junit import render_junit
@@ -70,7 +72,7 @@ def report() -> Report:
         tool={"name": "physretarget", "version": "0"},
         clip=ClipFacts(
             path="clips/a b.csv", sha256="ab", frames=30, duration_s=1.0, fps=29.0,
-            notes=("Quaternion order wxyz was inferred.",),
+            notes=("Quaternion order wxyz was inferred.",), first_line=2,
         ),
         model=ModelFacts(path="m.xml", sha256="cd", mass_kg=30.0, com_height_m=0.7),
         settings=UsedSettings(
@@ -170,9 +172,26 @@ def test_sarif_points_to_lines_and_rules(report: Report) -> None:
         assert result["level"] in ("error", "warning")
     first = run["results"][0]["locations"][0]["physicalLocation"]
     assert first["artifactLocation"]["uri"] == "clips/a%20b.csv"
-    assert first["region"] == {"startLine": 11, "endLine": 15}
+    assert first["region"] == {"startLine": 12, "endLine": 16}
     notes = run["invocations"][0]["toolExecutionNotifications"]
     assert notes[0]["associatedRule"]["id"] == "DYN008"
+
+
+def test_sarif_keeps_the_official_schema(report: Report) -> None:
+    """Of OASIS, version 2.1.0 rtm.5; see ORIGIN.md beside it."""
+    schema = json.loads((Path(__file__).parent / "sarif-2.1.0" / "schema.json").read_text())
+    check = Draft4Validator(schema, format_checker=Draft4Validator.FORMAT_CHECKER)
+    none = replace(report, clip=replace(report.clip, sha256="", first_line=None))
+    far = replace(report, clip=replace(report.clip, path=str(Path("a b.csv").absolute())))
+    for many in ([report], [report, none, far], replace(report, findings=())):
+        check.validate(json.loads(render_sarif(many)))
+    uri = json.loads(render_sarif(far))["runs"][0]["artifacts"][0]["location"]["uri"]
+    assert uri.startswith("file:///") and uri.endswith("a%20b.csv")
+    for damage in ({"level": "fatal"}, {"ruleIndex": -2}, {"message": {}}):
+        document = json.loads(render_sarif(report))
+        document["runs"][0]["results"][0] |= damage
+        with pytest.raises(ValidationError):
+            check.validate(document)
 
 
 def test_junit_counts(report: Report) -> None:
