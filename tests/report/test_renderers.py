@@ -186,7 +186,8 @@ def test_sarif_keeps_the_official_schema(report: Report) -> None:
     for many in ([report], [report, none, far], replace(report, findings=())):
         check.validate(json.loads(render_sarif(many)))
     uri = json.loads(render_sarif(far))["runs"][0]["artifacts"][0]["location"]["uri"]
-    assert uri.startswith("file:///") and uri.endswith("a%20b.csv")
+    assert uri.startswith("file:///")
+    assert uri.endswith("a%20b.csv")
     for damage in ({"level": "fatal"}, {"ruleIndex": -2}, {"message": {}}):
         document = json.loads(render_sarif(report))
         document["runs"][0]["results"][0] |= damage
