@@ -41,9 +41,14 @@ def _program(
 
 
 # Importing a command's module registers it. Solvers and MuJoCo take a second, which is more
-# than a nightly run in which nothing changed has to do: 'suite' comes alone where it is meant.
+# than a nightly run in which nothing changed has to do: these come alone where they are meant.
 if sys.argv[1:2] == ["suite"] and Path(sys.argv[0]).stem in ("physretarget", "__main__"):
     from physretarget.cli import suite
+elif sys.argv[1:2] in (["serve"], ["token"]) and Path(sys.argv[0]).stem in (
+    "physretarget",
+    "__main__",
+):
+    from physretarget.cli import serve
 else:
     from physretarget.cli import (  # noqa: F401
         convert,
@@ -53,6 +58,7 @@ else:
         replay,
         reproduce,
         retarget,
+        serve,
         stream,
         suggest,
         suite,

@@ -27,9 +27,12 @@ try:
 except ImportError as error:
     raise MissingExtraError("SQLAlchemy", extra="suite", purpose="a suite's history") from error
 
+from physretarget.suite.service_tables import create_service_tables
+
 _PATIENCE = 30.0  # seconds to wait for another connection
 _BUSY_MS = 30_000  # the same, as SQLite takes it
 _CHUNK = 500  # addresses per IN (...): below every driver's limit of parameters
+_READING = "physretarget_reading"
 _LOCK = 7246213  # any number, the same in every version: who migrates waits for the other
 
 _tables = sa.MetaData()
@@ -97,7 +100,7 @@ def _create(connection: sa.Connection) -> None:
 
 
 # Each takes the schema from its index to the next; only ever append, never edit.
-MIGRATIONS: tuple[Callable[[sa.Connection], None], ...] = (_create,)
+MIGRATIONS: tuple[Callable[[sa.Connection], None], ...] = (_create, create_service_tables)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,8 +171,7 @@ class Store:
             raise UsageError(f"the history {_shown(url)!r} is neither SQLite nor PostgreSQL.")
         if self._engine.dialect.name == "sqlite":
             sa.event.listen(self._engine, "connect", _sqlite_settings)
-            # A transaction that only later turns out to write could find itself locked out.
-            sa.event.listen(self._engine, "begin", lambda c: c.exec_driver_sql("BEGIN IMMEDIATE"))
+            sa.event.listen(self._engine, "begin", _sqlite_begin)
         with self._errors():
             self._migrate()
 
@@ -211,11 +213,22 @@ class Store:
             raise InputError(f"the history fails: {cause}.", path=_shown(self.url)) from error
 
     @contextmanager
-    def _begin(self) -> Iterator[sa.Connection]:
+    def begin(self) -> Iterator[sa.Connection]:
+        """A transaction; the database's errors leave it as :class:`InputError`."""
         with self._errors(), self._engine.begin() as connection:
             yield connection
 
-    def _insert(self, table: sa.Table, values: Any, *, keys: Sequence[str] = ()) -> Any:
+    @contextmanager
+    def read(self) -> Iterator[sa.Connection]:
+        """A transaction that only reads, beside one that writes."""
+        with (
+            self._errors(),
+            self._engine.connect().execution_options(**{_READING: True}) as connection,
+            connection.begin(),
+        ):
+            yield connection
+
+    def insert(self, table: sa.Table, values: Any, *, keys: Sequence[str] = ()) -> Any:
         """An insert that leaves an existing row alone, or with ``keys`` replaces it."""
         make: Any = sqlite if self._engine.dialect.name == "sqlite" else postgresql
         statement = make.insert(table).values(values)
@@ -229,7 +242,7 @@ class Store:
     def known(self, addresses: Iterable[str]) -> set[str]:
         """Those addresses whose result is there for good."""
         found: set[str] = set()
-        with self._begin() as connection:
+        with self.begin() as connection:
             for part in _parts(addresses):
                 query = sa.select(_results.c.address).where(
                     _results.c.address.in_(part), _results.c.transient.is_(False)
@@ -253,16 +266,16 @@ class Store:
             "transient": outcome.transient, "seconds": outcome.seconds, "created": _now(),
             "measures": measures, "findings": findings, "document": outcome.document,
         }  # fmt: skip
-        with self._begin() as connection:
+        with self.begin() as connection:
             for kind, content in sorted(outcome.artifacts.items()):
                 name, _, own = kind.partition("/")
                 connection.execute(
-                    self._insert(
+                    self.insert(
                         _artifacts,
                         {"address": own or outcome.address, "kind": name, "content": content},
                     )
                 )
-            connection.execute(self._insert(_results, row, keys=("address",)))
+            connection.execute(self.insert(_results, row, keys=("address",)))
 
     def states(self, addresses: Iterable[str]) -> dict[str, State]:
         """What is needed to compare, by address."""
@@ -271,7 +284,7 @@ class Store:
             _results.c.findings,
         )  # fmt: skip
         found: dict[str, State] = {}
-        with self._begin() as connection:
+        with self.begin() as connection:
             for part in _parts(addresses):
                 query = sa.select(*columns).where(_results.c.address.in_(part))
                 for row in connection.execute(query).mappings():
@@ -281,7 +294,7 @@ class Store:
     def documents(self, addresses: Iterable[str]) -> dict[str, dict[str, Any]]:
         """Whole reports by address; errored results have none."""
         found: dict[str, dict[str, Any]] = {}
-        with self._begin() as connection:
+        with self.begin() as connection:
             for part in _parts(addresses):
                 query = sa.select(_results.c.address, _results.c.document).where(
                     _results.c.address.in_(part), _results.c.status == "ok"
@@ -294,7 +307,7 @@ class Store:
         query = sa.select(_artifacts.c.content).where(
             _artifacts.c.address == address, _artifacts.c.kind == kind
         )
-        with self._begin() as connection:
+        with self.begin() as connection:
             content = connection.execute(query).scalar()
         return None if content is None else bytes(content)
 
@@ -303,7 +316,7 @@ class Store:
     def begin_run(self, suite: str, version: str) -> int:
         """Note that a run has begun; one that never finishes is in no report."""
         row = {"suite": suite, "started": _now(), "version": version}
-        with self._begin() as connection:
+        with self.begin() as connection:
             made = connection.execute(_runs.insert().values(row).returning(_runs.c.id))
             return int(made.scalar_one())
 
@@ -321,7 +334,7 @@ class Store:
             }
             for entry in entries
         ]  # fmt: skip
-        with self._begin() as connection:
+        with self.begin() as connection:
             if rows:
                 connection.execute(_entries.insert(), rows)
             connection.execute(
@@ -338,14 +351,14 @@ class Store:
             .order_by(_runs.c.id.desc())
             .limit(limit)
         )
-        with self._begin() as connection:
+        with self.begin() as connection:
             found = [Run(**row) for row in connection.execute(query).mappings()]
         return found[::-1]
 
     def entries(self, run: int) -> list[Entry]:
         """A run's verdicts by clip."""
         query = sa.select(_entries).where(_entries.c.run == run).order_by(_entries.c.clip)
-        with self._begin() as connection:
+        with self.begin() as connection:
             rows = [dict(row) for row in connection.execute(query).mappings()]
         for row in rows:
             row.pop("run")
@@ -360,7 +373,7 @@ class Store:
             .order_by(_entries.c.run)
         )
         found: dict[str, list[tuple[int, str | None]]] = {}
-        with self._begin() as connection:
+        with self.begin() as connection:
             for clip, run, address in connection.execute(query):
                 found.setdefault(clip, []).append((run, address))
         return found
@@ -371,7 +384,7 @@ class Store:
         """What is accepted now, by clip; the latest acceptance of a clip is in force."""
         query = sa.select(_baselines).where(_baselines.c.suite == suite).order_by(_baselines.c.id)
         found: dict[str, Accepted] = {}
-        with self._begin() as connection:
+        with self.begin() as connection:
             for row in connection.execute(query).mappings():
                 found[row["clip"]] = Accepted(
                     address=row["address"], note=row["note"], accepted=row["accepted"],
@@ -390,8 +403,14 @@ class Store:
             for clip, address in sorted(accepted.items())
         ]  # fmt: skip
         if rows:
-            with self._begin() as connection:
+            with self.begin() as connection:
                 connection.execute(_baselines.insert(), rows)
+
+
+def _sqlite_begin(connection: sa.Connection) -> None:
+    # A transaction that only later turns out to write could find itself locked out.
+    reading = connection.get_execution_options().get(_READING, False)
+    connection.exec_driver_sql("BEGIN" if reading else "BEGIN IMMEDIATE")
 
 
 def _sqlite_settings(connection: Any, _: object) -> None:

@@ -43,9 +43,9 @@ def perform(job: Job, root: str | None = None) -> Outcome:
     try:
         clip, character, made = _motion(job, base)
         report = validate(clip, character, settings=_settings(job, base))
-        artifacts = _artifacts(clip, character, report)
+        made_files = artifacts(clip, character, report)
         if made:
-            artifacts["clip"] = clip.to_bytes()
+            made_files["clip"] = clip.to_bytes()
         document = report.to_dict()
     except PhysretargetError as error:
         return _errored(job, _told(error, base / job.inputs["clip"]), started)
@@ -61,7 +61,7 @@ def perform(job: Job, root: str | None = None) -> Outcome:
         address=job.address,
         status="ok",
         document=document,
-        artifacts=artifacts,
+        artifacts=made_files,
         seconds=clock.perf_counter() - started,
     )
 
@@ -175,8 +175,11 @@ def check_ready(suite: Suite, cases: set[str]) -> None:
 # ---- what the report shows ---------------------------------------------------------------------
 
 
-def _artifacts(clip: Clip, character: Character, report: Report) -> dict[str, bytes]:
-    """The scene, shapes apart from tracks: two thousand clips share a few models."""
+def artifacts(clip: Clip, character: Character, report: Report) -> dict[str, bytes]:
+    """What a page needs to replay a judged clip: "motion" and "model/<sha256>", compressed.
+
+    The scene, shapes apart from tracks: two thousand clips share a few models.
+    """
     stage = clip_scene(clip, character, report)
     found = report.forces
     if found is not None and len(found.origin) == clip.frames:

@@ -1,0 +1,158 @@
+"""serve and token: the HTTP service and who may use it."""
+
+from __future__ import annotations
+
+import importlib.util
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from physretarget.cli import app, common
+from physretarget.cli.common import command, complete, one_of, say
+from physretarget.errors import MissingExtraError, UsageError
+
+if TYPE_CHECKING:
+    # The service needs an extra; every other command must do without it.
+    from physretarget.sandbox.limits import Limits
+    from physretarget.suite.registry import Registry
+
+group = typer.Typer(
+    help="Who may use the service: tokens with a scope.",
+    epilog="Example: physretarget token create --scope submit --name ci",
+    no_args_is_help=True,
+)
+app.add_typer(group, name="token")
+
+_SCOPES = ("read", "submit", "admin")
+_PACKAGES = ("sqlalchemy", "fastapi", "uvicorn", "python_multipart", "prometheus_client")
+Data = Annotated[
+    Path, typer.Option("--data", metavar="DIR", help="Folder of uploads, results and the history.")
+]
+History = Annotated[
+    str | None,
+    typer.Option("--history", metavar="URL", help="sqlite:///FILE or postgresql://…/DB."),
+]
+_DATA = Path("physretarget-data")
+
+
+@command(app, "serve", example="physretarget serve --data /var/lib/physretarget --workers 4")
+def serve_command(
+    host: Annotated[str, typer.Option("--host", help="Beyond loopback only with tokens.")] = (
+        "127.0.0.1"
+    ),
+    port: Annotated[int, typer.Option("--port", min=0, max=65535, help="0 for any.")] = 8000,
+    data: Data = _DATA,
+    history: History = None,
+    workers: Annotated[int, typer.Option("--workers", min=1, max=64, help="Jobs at a time.")] = 2,
+    name: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--name", metavar="HOST",
+            help="A name under which it is asked, behind a proxy say; may be repeated.",
+        ),
+    ] = None,
+    limit: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--limit", metavar="NAME=VALUE",
+            help="A bound of uploads and jobs (upload_bytes, seconds, memory_bytes, …).",
+        ),
+    ] = None,
+    rate: Annotated[
+        float, typer.Option("--rate", min=0, help="Requests a minute of one caller; 0: any.")
+    ] = 1200,
+) -> None:  # fmt: skip
+    """Take clips over HTTP, judge them in child processes, serve the reports and a web page."""
+    _check_extra()
+    from physretarget.sandbox.limits import Limits
+    from physretarget.service import logs
+    from physretarget.service.server import is_loopback, serve
+    from physretarget.service.settings import LOOPBACK, Settings
+
+    logs.set_up(quiet=common.messages.quiet)
+    local = is_loopback(host)
+    settings = Settings(
+        data=data, history=_history(history), workers=workers, rate=rate,
+        hosts=(*(LOOPBACK if local or name else ()), *({host} if local else ()), *(name or ())),
+        require_tokens=not local,
+    )  # fmt: skip
+    settings = replace(settings, limits=_limits(Limits(), limit or []))
+    serve(settings, host, port, lambda url: typer.echo(f"physretarget listens at {url}"))
+
+
+@command(group, "create", example="physretarget token create --scope submit --name ci")
+def create_command(
+    scope: Annotated[str, typer.Option("--scope", **complete(_SCOPES))],
+    name: Annotated[str, typer.Option("--name", help="Whose it is, or what for.")],
+    data: Data = _DATA,
+    history: History = None,
+) -> None:
+    """Make a token and print it, once: only its hash is kept."""
+    one_of(scope, _SCOPES, "--scope")
+    if not name.strip() or len(name) > 100 or not name.isprintable():
+        raise UsageError("--name must have 1 to 100 printable characters.")
+    _check_extra()
+    from physretarget.service.tokens import hashed, make_token
+
+    token = make_token()
+    made = _registry(data, history).add_token(name.strip(), scope, hashed(token))
+    say(f"token {made.id} ({scope}) for {made.name}; it is not shown again:")
+    typer.echo(token)
+
+
+@command(group, "list", example="physretarget token list")
+def list_command(data: Data = _DATA, history: History = None) -> None:
+    """All tokens: id, scope, when made, name, and whether revoked."""
+    _check_extra()
+    for token in _registry(data, history).tokens():
+        state = f"revoked {token.revoked}" if token.revoked else "valid"
+        typer.echo(f"{token.id}  {token.scope:6}  {token.created}  {state}  {token.name}")
+
+
+@command(group, "revoke", example="physretarget token revoke 01k9p2…")
+def revoke_command(
+    token: Annotated[str, typer.Argument(metavar="ID", help="As 'token list' shows it.")],
+    data: Data = _DATA,
+    history: History = None,
+) -> None:
+    """End a token's validity; a running service knows within seconds."""
+    _check_extra()
+    if not _registry(data, history).revoke_token(token):
+        raise UsageError(f"there is no valid token with the id {token!r}.")
+    say(f"token {token} is revoked.")
+
+
+def _check_extra() -> None:
+    for package in _PACKAGES:
+        if importlib.util.find_spec(package) is None:
+            raise MissingExtraError(package, extra="service", purpose="The HTTP service")
+
+
+def _history(told: str | None) -> str | None:
+    from physretarget.suite.file import database_url
+
+    return database_url(told, Path.cwd()) if told else None
+
+
+def _registry(data: Path, history: str | None) -> Registry:
+    from physretarget.service.home import Home
+    from physretarget.suite.registry import Registry
+    from physretarget.suite.store import Store
+
+    home = Home(data)
+    return Registry(Store(_history(history) or home.history), home.id)
+
+
+def _limits(limits: Limits, told: list[str]) -> Limits:
+    values = limits.to_dict()
+    for each in told:
+        name, _, text = each.partition("=")
+        if name not in values:
+            raise UsageError(f"--limit {name!r} is none; there are {', '.join(sorted(values))}.")
+        try:
+            values[name] = type(values[name])(text)
+        except ValueError as error:
+            raise UsageError(f"--limit {name} needs a number, not {text!r}.") from error
+    return type(limits).from_dict(values)

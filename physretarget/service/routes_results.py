@@ -1,0 +1,134 @@
+"""What jobs give: reports, replays, clips, and two of them compared."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+from fastapi import APIRouter, Query
+from fastapi.responses import FileResponse, HTMLResponse
+
+from physretarget.service import schemas
+from physretarget.service.access import GUARDED, Reader, ServiceOf, Viewer
+from physretarget.service.comparison import compared, side_by_side
+from physretarget.service.errors import ApiError, responses
+from physretarget.service.routes_jobs import job_of
+from physretarget.service.schemas import Compared
+from physretarget.service.service import Service
+from physretarget.suite.queue import JobRecord
+
+router = APIRouter(tags=["results"])
+
+FORMATS: dict[str, tuple[str, str]] = {
+    "json": ("report.json", "application/json"),
+    "html": ("report.html", "text/html"),
+    "sarif": ("report.sarif", "application/sarif+json"),
+    "junit": ("report.junit.xml", "application/xml"),
+    "markdown": ("report.md", "text/markdown"),
+    "text": ("report.txt", "text/plain"),
+}
+# A report is a page of its own that may run its own scripts and reach nothing: without
+# allow-same-origin it cannot even see the page that shows it.
+PAGE_POLICY = (
+    "sandbox allow-scripts allow-downloads; default-src 'none'; script-src 'unsafe-inline'; "
+    "style-src 'unsafe-inline'; img-src data: blob:; font-src data:; base-uri 'none'; "
+    "form-action 'none'; frame-ancestors 'self'"
+)
+
+
+def finished(service: Service, id: str) -> tuple[JobRecord, Path]:
+    """A job that is done and the folder of its results; 404 or 409 otherwise."""
+    job = job_of(service, id)
+    if job.status != "done" or job.result is None:
+        raise ApiError(409, f"The job is {job.status}: there are no results.")
+    return job, service.home.job(id) / job.result
+
+
+def _file(place: Path, media: str, name: str | None = None) -> FileResponse:
+    if not place.is_file():
+        raise ApiError(404, "The job has no such result.")
+    headers = {"Cache-Control": "private, no-cache"}
+    if media == "text/html":
+        headers["Content-Security-Policy"] = PAGE_POLICY
+    return FileResponse(place, media_type=media, headers=headers, filename=name)
+
+
+@router.get(
+    "/jobs/{id}/report",
+    response_class=FileResponse,
+    responses={
+        200: {
+            "description": "The report in the format asked for.",
+            "content": {
+                media: {"schema": {} if name == "json" else {"type": "string"}}
+                for name, (_, media) in FORMATS.items()
+            },
+        },
+        **responses(404, 409, 422, *GUARDED),
+    },
+)
+def report(
+    id: schemas.Id, service: ServiceOf, caller: Viewer, format: schemas.Format = "json"
+) -> FileResponse:
+    """The report of a finished job."""
+    _, folder = finished(service, id)
+    name, media = FORMATS[format]
+    return _file(folder / name, media)
+
+
+@router.get(
+    "/jobs/{id}/replay",
+    response_class=HTMLResponse,
+    responses=responses(404, 409, 422, *GUARDED),
+)
+def replay(id: schemas.Id, service: ServiceOf, caller: Viewer) -> FileResponse:
+    """The motion in 3D, as a page that needs nothing else."""
+    _, folder = finished(service, id)
+    return _file(folder / "replay.html", "text/html")
+
+
+@router.get(
+    "/jobs/{id}/clip",
+    response_class=FileResponse,
+    responses={
+        200: {
+            "description": "The clip that a retargeting made, as npz.",
+            "content": {
+                "application/octet-stream": {"schema": {"type": "string", "format": "binary"}}
+            },
+        },
+        **responses(404, 409, 422, *GUARDED),
+    },
+)
+def clip(id: schemas.Id, service: ServiceOf, caller: Viewer) -> FileResponse:
+    """The clip that a retargeting made."""
+    job, folder = finished(service, id)
+    name = f"{Path(job.clip_name).stem or 'clip'}.npz"
+    return _file(folder / "clip.npz", "application/octet-stream", name)
+
+
+_Job = Annotated[str, Query(pattern=r"^[0-9a-z]{26}$")]
+
+
+@router.get("/compare", response_model=Compared, responses=responses(404, 409, 422, *GUARDED))
+def compare(service: ServiceOf, caller: Reader, left: _Job, right: _Job) -> Compared:
+    """Two jobs' measures and findings side by side: is right better or worse than left?"""
+    return compared(_sides(service, left, right))
+
+
+@router.get(
+    "/compare/replay",
+    response_class=HTMLResponse,
+    responses=responses(404, 409, 422, *GUARDED),
+)
+def compare_replay(service: ServiceOf, caller: Viewer, left: _Job, right: _Job) -> HTMLResponse:
+    """Both motions in 3D on one clock, as a page that needs nothing else."""
+    page = side_by_side(_sides(service, left, right))
+    return HTMLResponse(
+        page, headers={"Content-Security-Policy": PAGE_POLICY, "Cache-Control": "no-store"}
+    )
+
+
+def _sides(service: Service, left: str, right: str) -> Sequence[tuple[JobRecord, Path]]:
+    return [finished(service, left), finished(service, right)]

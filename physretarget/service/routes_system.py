@@ -1,0 +1,63 @@
+"""Health, metrics, tickets."""
+
+from __future__ import annotations
+
+from urllib.parse import urlsplit
+
+from fastapi import APIRouter, Response
+from fastapi.responses import PlainTextResponse
+from prometheus_client import CONTENT_TYPE_LATEST
+
+from physretarget._version import __version__
+from physretarget.sandbox.confine import available
+from physretarget.service.access import GUARDED, Reader, ServiceOf
+from physretarget.service.errors import ApiError, responses
+from physretarget.service.schemas import Health, QueueHealth, Ticket, TicketRequest
+
+open_router = APIRouter(tags=["system"])
+router = APIRouter(tags=["system"])
+
+
+@open_router.get("/health", response_model=Health, responses=responses(421))
+async def health(service: ServiceOf) -> Health:
+    """Whether the service is there; asks nothing that could be slow."""
+    workers = service.supervisor.workers
+    walls = available()
+    return Health(
+        status="ok" if workers == service.settings.workers and service.reachable else "degraded",
+        version=__version__,
+        queue=QueueHealth(
+            queued=service.counts.get("queued", 0), running=service.counts.get("running", 0)
+        ),
+        workers=workers,
+        sandbox={"landlock": walls.landlock > 0, "seccomp": walls.seccomp},
+        tokens=service.locked,
+    )
+
+
+@open_router.get(
+    "/metrics",
+    response_class=PlainTextResponse,
+    responses=responses(*GUARDED),
+)
+def metrics(service: ServiceOf, caller: Reader) -> Response:
+    """Prometheus metrics."""
+    for status, count in service.counts.items():
+        service.metrics.jobs.labels(status).set(count)
+    service.metrics.workers.set(service.supervisor.workers)
+    return Response(service.metrics.text(), media_type=CONTENT_TYPE_LATEST)
+
+
+@router.post("/tickets", response_model=Ticket, responses=responses(422, *GUARDED))
+def make_ticket(wanted: TicketRequest, service: ServiceOf, caller: Reader) -> Ticket:
+    """A URL of a report, replay or clip that opens without the Authorization header.
+
+    Frames, links and downloads of a browser cannot send one.
+    """
+    path = wanted.path
+    allowed = path.startswith(("/api/v1/jobs/", "/api/v1/compare/replay?"))
+    if not allowed or not path.isascii() or not path.isprintable() or urlsplit(path).fragment:
+        raise ApiError(422, "Tickets are for reports, replays and clips only.", field="path")
+    between = "&" if "?" in path else "?"
+    url = f"{path}{between}ticket={service.tickets.make(path)}"
+    return Ticket(url=url, expires_in=service.tickets.seconds)

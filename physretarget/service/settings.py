@@ -1,0 +1,36 @@
+"""What a service depends on besides its data folder; read once when it starts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from physretarget.sandbox.limits import Limits
+
+LOOPBACK = ("127.0.0.1", "::1", "localhost")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """Times in seconds, sizes in bytes.
+
+    ``hosts``: names under which the service may be asked; anything else in the Host header is
+    refused, so that no page on the web can reach it by a name that it points here. Empty: any.
+    ``rate`` requests per minute of one token or address, ``burst`` of them at once.
+    """
+
+    data: Path
+    history: str | None = None
+    workers: int = 2
+    hosts: tuple[str, ...] = LOOPBACK
+    require_tokens: bool = False
+    limits: Limits = field(default_factory=Limits)
+    lease: float = 20.0
+    heartbeat: float = 4.0
+    rate: float = 1200.0
+    burst: int = 300
+    streams: int = 64
+    stream_heartbeat: float = 10.0
+    upload_idle: float = 30.0
+    upload_rate: float = 4096.0
+    check_seconds: float = 30.0

@@ -1,0 +1,231 @@
+"""What runs in a job's child process: the only code of the service that opens what was sent.
+
+Called by name (:data:`physretarget.sandbox.child.TASKS`); takes plain data, writes files into
+its folder, gives plain data back. Nothing here may be trusted by the server once it has run.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+from physretarget import capture
+from physretarget.clip import Clip, load_clip
+from physretarget.errors import InputError
+from physretarget.keyposes import load_keyposes
+from physretarget.mjcf import Character
+from physretarget.pipeline import RetargetSettings
+from physretarget.pipeline import retarget as run_pipeline
+from physretarget.replay.clip import clip_scene
+from physretarget.replay.web import render
+from physretarget.report.html import render_html
+from physretarget.report.json import render_json
+from physretarget.report.junit import render_junit
+from physretarget.report.markdown import render_markdown
+from physretarget.report.retarget import retarget_data
+from physretarget.report.retarget_html import render_retarget_html
+from physretarget.report.sarif import render_sarif
+from physretarget.report.text import render_text
+from physretarget.sandbox.limits import Limits
+from physretarget.service.layout import lay_out
+from physretarget.suite.work import artifacts
+from physretarget.trained import check_mobile, learn
+from physretarget.validation import Report, Settings
+from physretarget.validation import validate as judge
+from physretarget.validation.analysis import Analysis
+from physretarget.validation.codes import RULES
+
+Progress = Callable[[float, str], None]
+# What a retargeting's time is spent on, roughly, by the pipeline's stages.
+_SHARES = {
+    "prepare": 0.30, "map": 0.35, "pose": 0.40, "place": 0.50, "contact": 0.55, "physics": 0.65,
+}  # fmt: skip
+_NICE = 10  # the server answers first
+_FINDINGS = 200  # about a model that are kept
+
+
+def validate(request: Mapping[str, Any], folder: Path, progress: Progress) -> dict[str, Any]:
+    """Judge ``clip`` with ``model`` (paths) under ``options``; reports go into the folder."""
+    os.nice(_NICE)
+    options = request["options"]
+    progress(0.05, "read")
+    character = Character.load(request["model"])
+    clip = load_clip(
+        request["clip"],
+        character=character,
+        fps=options.get("fps"),
+        quat=options.get("quat"),
+        joint_order=options.get("joint_order"),
+    )
+    _check_frames(clip.frames, request)
+    progress(0.2, "judge")
+    report = judge(clip, character, settings=_settings(options, options.get("lowpass")))
+    return _write(report, clip, character, request, folder, progress, page=None)
+
+
+def retarget(request: Mapping[str, Any], folder: Path, progress: Progress) -> dict[str, Any]:
+    """Turn ``capture`` into a clip of ``model`` and judge it; clip and reports go into the folder.
+
+    ``keyposes`` are paths, ``skeleton`` the path of an AMC capture's ASF file or None.
+    """
+    os.nice(_NICE)
+    options = request["options"]
+    progress(0.02, "read")
+    character = Character.load(request["model"])
+    check_mobile(character)
+    motion = capture.load(
+        request["capture"],
+        unit=options.get("unit"),
+        up=options.get("up"),
+        skeleton=request.get("skeleton"),
+        mass=options.get("mass"),
+    )
+    _check_frames(len(motion.time), request)
+    progress(0.1, "learn")
+    poses = load_keyposes([Path(p) for p in request["keyposes"]], character)
+    trained = learn(
+        character,
+        poses,
+        mapper=options.get("mapper", "sgplvm"),
+        dims=options.get("dims", 30),
+        seed=options.get("seed", 0),
+    )
+    result = run_pipeline(
+        motion,
+        trained,
+        settings=_retarget_settings(options),
+        progress=lambda stage: progress(_SHARES.get(stage, 0.6), stage),
+    )
+    clip = result.clip
+    (folder / "clip.npz").write_bytes(clip.to_bytes())
+    progress(0.8, "judge")
+    report = judge(clip, character, settings=_settings(options, None))
+    named = _named(report, request)
+    page = render_retarget_html(retarget_data(result, trained, named))
+    return _write(report, clip, character, request, folder, progress, page=page)
+
+
+def check_model(request: Mapping[str, Any], folder: Path, progress: Progress) -> dict[str, Any]:
+    """Unpack ``upload``, refuse what is unsafe, compile and audit what is left.
+
+    ``upload`` is the path of an XML file or a zip, ``name`` what its client called it, ``main``
+    the MJCF file inside a zip ("" to find it). The model's files go to ``model/`` in the folder.
+    """
+    os.nice(_NICE)
+    limits = Limits.from_dict(request["limits"])
+    progress(0.05, "unpack")
+    root = folder / "model"
+    main = lay_out(Path(request["upload"]), request["name"], request["main"], root, limits)
+    progress(0.2, "check")
+    import importlib.util
+
+    if importlib.util.find_spec("physretarget.sandbox.mjcf"):
+        from physretarget.sandbox.mjcf import check_model as check_files
+
+        check_files(root, root / main, limits)
+    progress(0.4, "compile")
+    character = Character.load(root / main)
+    progress(0.7, "audit")
+    return {
+        "main": main,
+        "name": character.name,
+        "sha256": character.sha256,
+        "mass_kg": float(character.mass),
+        "bodies": int(character.model.nbody) - 1,
+        "joints": len(character.joint_names),
+        "findings": _model_findings(character),
+    }
+
+
+def check_clip(request: Mapping[str, Any], folder: Path, progress: Progress) -> dict[str, Any]:
+    """Read ``clip`` (a path) without a model, as far as that goes: InputError if it is none."""
+    os.nice(_NICE)
+    progress(0.1, "read")
+    clip = load_clip(request["clip"], fps=request.get("fps"))
+    _check_frames(clip.frames, request)
+    return {"frames": clip.frames}
+
+
+def _model_findings(character: Character) -> list[dict[str, Any]]:
+    # Rules about the model look at nothing but the model.
+    analysis = cast("Analysis", SimpleNamespace(character=character))
+    found = [
+        finding
+        for rule in RULES
+        if rule.code.startswith("MDL")
+        for finding in rule.check(analysis, {}, rule).findings
+    ]
+    return [
+        {"code": f.code, "severity": f.severity, "message": f.message, "body": f.body}
+        for f in found[:_FINDINGS]
+    ]
+
+
+def _check_frames(frames: int, request: Mapping[str, Any]) -> None:
+    most = request["clip_frames"]
+    if frames > most:
+        raise InputError(f"has {frames} frames, at most {most} are accepted.")
+
+
+def _settings(options: Mapping[str, Any], lowpass: float | None) -> Settings:
+    given: dict[str, Any] = {
+        name: tuple(options[name]) for name in ("select", "ignore") if name in options
+    }
+    for name, told in (("profile", "profile"), ("friction", "friction"), ("severity", "severity"),
+                       ("limits", "thresholds")):  # fmt: skip
+        if options.get(told) is not None:
+            given[name] = options[told]
+    return replace(Settings(lowpass_hz=lowpass), **given)
+
+
+def _retarget_settings(options: Mapping[str, Any]) -> RetargetSettings:
+    told = {name: options[name] for name in ("physics", "heading", "tail", "fps", "seed")
+            if options.get(name) is not None}  # fmt: skip
+    return RetargetSettings(lowpass_hz=options.get("lowpass", 6.0) or None, **told)
+
+
+def _named(report: Report, request: Mapping[str, Any]) -> Report:
+    """The report with names as the client gave them: where the server keeps files is not told."""
+    return replace(
+        report,
+        clip=replace(report.clip, path=request["clip_name"]),
+        model=replace(report.model, path=request["model_name"]),
+    )
+
+
+def _write(
+    report: Report,
+    clip: Clip,
+    character: Character,
+    request: Mapping[str, Any],
+    folder: Path,
+    progress: Progress,
+    *,
+    page: str | None,
+) -> dict[str, Any]:
+    report = _named(report, request)
+    progress(0.85, "report")
+    title = request["clip_name"]
+    texts = {
+        "report.json": render_json(report),
+        "report.sarif": render_sarif(report),
+        "report.junit.xml": render_junit(report),
+        "report.md": render_markdown(report),
+        "report.txt": render_text(report),
+        "report.html": page or render_html(report, clip, character, title=title),
+        "replay.html": render(clip_scene(clip, character, report, title=title)),
+    }
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    for kind, content in artifacts(clip, character, report).items():
+        # "motion", and "model/<sha256>" of the shapes.
+        (folder / f"{kind.partition('/')[0]}.z").write_bytes(content)
+    return {
+        "summary": {
+            "errors": report.errors, "warnings": report.warnings, "passed": report.passed,
+        },
+    }  # fmt: skip
