@@ -10,6 +10,7 @@ import io
 import lzma
 import math
 import struct
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Mapping
@@ -31,6 +32,11 @@ MAX_BYTES = 4 * 1024**3
 _DEFLATE_RATIO, _LIKELY_RATIO = 1032, 100
 _LIKELY_BYTES = 64 << 20
 _HEADER_LIMIT = 1 << 16
+# NumPy parses headers as Python literals, those of Python 2 through the tokenizer.
+_HEADER_DAMAGE = (
+    ValueError, EOFError, SyntaxError, TypeError, RecursionError, OverflowError, MemoryError,
+    KeyError, IndexError, tokenize.TokenError,
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -54,7 +60,7 @@ def _header(file: _Stream, *, size: int, path: str, what: str) -> _Header:
         if reader is None:
             raise ValueError(f"npy version {version}")
         shape, fortran, dtype = reader(file, max_header_size=_HEADER_LIMIT)
-    except (ValueError, EOFError, SyntaxError, TypeError, RecursionError, OverflowError) as error:
+    except _HEADER_DAMAGE as error:
         raise InputError(f"{what} has no readable npy header.", path=path) from error
     if any(n < 0 for n in shape):
         raise InputError(f"{what} claims the shape {shape}.", path=path)
@@ -178,6 +184,9 @@ class Members(Mapping[str, NDArray[Any]]):
 
     def __len__(self) -> int:
         return len(self._entries)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._entries  # without reading it
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         file = self._open(name)

@@ -17,6 +17,10 @@ from physretarget.validation.report import Severity
 from physretarget.validation.rule import Profile, Rule
 
 
+# Beyond any unit; TOML knows whole numbers of any length.
+_LARGEST = 1e15
+
+
 @dataclass(frozen=True, kw_only=True)
 class Settings:
     """How to judge.
@@ -155,8 +159,9 @@ def _texts(name: str, value: Any) -> tuple[str, ...]:
 
 
 def _number(name: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not np.isfinite(value):
-        raise UsageError(f"'{name}' must be a number.")
+    plain = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if not plain or not abs(value) <= _LARGEST:
+        raise UsageError(f"'{name}' must be a number, at most {_LARGEST:g}.")
     return float(value)
 
 

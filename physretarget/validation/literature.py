@@ -6,6 +6,7 @@ each number. Feet are the bodies that touch the floor most often, at most two.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,8 @@ Floats = NDArray[np.float64]
 PHYSDIFF_TOLERANCE_M = 0.005
 HOLOSOMA_STEP_M = 0.01
 HOLOSOMA_CONTACT_M = 0.02
+# 1 % of gravity: the last digits of a text clip (1 um) make half as much at 120 frames/s.
+STILL_M_S2 = 0.1
 
 
 def literature(analysis: Analysis) -> dict[str, dict[str, Any]]:
@@ -29,7 +32,7 @@ def literature(analysis: Analysis) -> dict[str, dict[str, Any]]:
     lowest = analysis["lowest"]
     below, above = np.maximum(-lowest, 0), np.maximum(lowest, 0)
     rate = f"a distance per frame: at {analysis.fps:g} frames/s"
-    feet, place = _feet(analysis)
+    feet = _followed(analysis)
     return {
         "physdiff_penetrate_mm": _entry(
             1000 * np.mean(np.where(below > PHYSDIFF_TOLERANCE_M, below, 0)), "mm",
@@ -42,18 +45,19 @@ def literature(analysis: Analysis) -> dict[str, dict[str, Any]]:
             "every jump scores as floating",
         ),
         "physdiff_skate_mm": _entry(
-            _physdiff_skate(place), "mm",
+            feet.physdiff_skate_mm, "mm",
             "mean horizontal step of feet that touch in two frames running (Yuan et al. 2023)",
             f"{rate}, half of it at twice the rate",
         ),
         "edge_pfc": _entry(
-            _edge_pfc(analysis, feet, place), "1",
+            feet.edge_pfc, "1",
             "physical foot contact score, mean of |a_CoM| |v_foot| |v_foot| over the peak "
             "acceleration (Tseng et al. 2023); velocities in m/s here",
-            "grows with speed of the dance; two feet are presumed",
+            "grows with speed of the dance; two feet are presumed; none for a clip whose CoM "
+            f"never accelerates by {STILL_M_S2:g} m/s^2, where it would divide by rounding",
         ),
         "holosoma_sliding_fraction": _entry(
-            _holosoma(place), "1",
+            feet.holosoma_fraction, "1",
             "share of touching foot frames that move over 1 cm since the frame before "
             "(Yang et al. 2025)",
             f"{rate} 1 cm per frame is {analysis.fps * HOLOSOMA_STEP_M:.3g} m/s",
@@ -68,27 +72,59 @@ def _entry(
     return {"value": number, "unit": unit, "definition": definition, "caution": caution}
 
 
-def _feet(analysis: Analysis) -> tuple[int, Floats]:
-    """How many feet, and (T, feet, 3) the lowest point of each."""
+@dataclass(frozen=True, kw_only=True)
+class _Feet:
+    """What the feet's steps come to; None where there are none to judge."""
+
+    physdiff_skate_mm: float | None
+    holosoma_fraction: float | None
+    edge_pfc: float | None
+
+
+def _followed(analysis: Analysis) -> _Feet:
+    """Follow the feet from frame to frame, some frames at a time."""
+    bodies = _two_feet(analysis)
+    size = _acceleration(analysis) if len(bodies) == 2 else None
+    skated = slid = near = touching = score = 0.0
+    for first in range(0, analysis.frames - 1, CHUNK):
+        last = min(first + CHUNK, analysis.frames - 1)
+        place = _places(analysis, bodies, first, last + 1)
+        step, both = _steps(place, PHYSDIFF_TOLERANCE_M)
+        skated, touching = skated + step[both].sum(), touching + both.sum()
+        step, both = _steps(place, HOLOSOMA_CONTACT_M)
+        slid, near = slid + (step[both] > HOLOSOMA_STEP_M).sum(), near + both.sum()
+        if size is not None:
+            speed = np.linalg.norm(np.diff(place, axis=0), axis=2) * analysis.fps
+            score += float(np.sum(size[first + 1 : last + 1] * speed[:, 0] * speed[:, 1]))
+    pfc = None
+    if size is not None and analysis.frames > 1 and size.max() > STILL_M_S2:
+        pfc = score / (analysis.frames - 1) / float(size.max())
+    return _Feet(
+        physdiff_skate_mm=1000 * skated / touching if touching else None,
+        holosoma_fraction=slid / near if near else None,
+        edge_pfc=pfc,
+    )
+
+
+def _two_feet(analysis: Analysis) -> list[int]:
+    """The bodies that touch the floor most often, at most two."""
     touch = analysis.flags("touch")
     order = np.argsort(-touch.sum(axis=0), kind="stable")[:2]
-    bodies = [int(analysis.work.points.bodies[i]) for i in order if touch[:, i].any()]
+    return [int(analysis.work.points.bodies[i]) for i in order if touch[:, i].any()]
+
+
+def _places(analysis: Analysis, bodies: list[int], first: int, last: int) -> Floats:
+    """(last - first, feet, 3) the centre of each foot, its height that of its lowest point."""
     points, floor = analysis.work.points, analysis.character.floor_height
-    parts = []
-    for first in range(0, analysis.frames, CHUNK):
-        poses = analysis.poses(first, min(first + CHUNK, analysis.frames))
-        pose = kinematics.forward(analysis.character.tree, poses)
-        low = lowest_points(pose, points)
-        rows = np.arange(len(low))
-        feet = []
-        for body in bodies:
-            own = low[:, points.body == body]
-            # The foot is followed at its centre, its height taken at its lowest point.
-            centre = own.mean(axis=1)
-            centre[:, 2] = own[rows, own[..., 2].argmin(axis=1), 2] - floor
-            feet.append(centre)
-        parts.append(np.stack(feet, axis=1) if feet else np.zeros((len(low), 0, 3)))
-    return len(bodies), np.concatenate(parts)
+    pose = kinematics.forward(analysis.character.tree, analysis.poses(first, last))
+    low = lowest_points(pose, points)
+    rows = np.arange(len(low))
+    feet = np.empty((len(low), len(bodies), 3))
+    for k, body in enumerate(bodies):
+        own = low[:, points.body == body]
+        feet[:, k] = own.mean(axis=1)
+        feet[:, k, 2] = own[rows, own[..., 2].argmin(axis=1), 2] - floor
+    return feet
 
 
 def _steps(place: Floats, near: float) -> tuple[Floats, NDArray[np.bool_]]:
@@ -97,24 +133,12 @@ def _steps(place: Floats, near: float) -> tuple[Floats, NDArray[np.bool_]]:
     return np.linalg.norm(np.diff(place[..., :2], axis=0), axis=2), both
 
 
-def _physdiff_skate(place: Floats) -> float | None:
-    step, both = _steps(place, PHYSDIFF_TOLERANCE_M)
-    return float(1000 * step[both].mean()) if both.any() else None
-
-
-def _holosoma(place: Floats) -> float | None:
-    step, both = _steps(place, HOLOSOMA_CONTACT_M)
-    return float((step[both] > HOLOSOMA_STEP_M).mean()) if both.any() else None
-
-
-def _edge_pfc(analysis: Analysis, feet: int, place: Floats) -> float | None:
-    if feet != 2 or "required_force" not in analysis.has:
+def _acceleration(analysis: Analysis) -> Floats | None:
+    """(T,) m/s^2 of the CoM as EDGE takes it: falling is free."""
+    if "required_force" not in analysis.has:
         return None
     gravity = float(np.linalg.norm(analysis.character.model.opt.gravity))
-    acceleration = analysis["required_force"] * gravity - np.array([0, 0, gravity])
-    acceleration[:, 2] = np.maximum(acceleration[:, 2], 0)  # falling is free
-    size = np.linalg.norm(acceleration, axis=1)
-    speed = np.linalg.norm(np.diff(place, axis=0), axis=2) * analysis.fps
-    if len(speed) == 0 or size.max() == 0:
-        return None
-    return float(np.mean(size[1:] * speed[:, 0] * speed[:, 1]) / size.max())
+    acceleration = analysis["required_force"] * gravity
+    acceleration[:, 2] = np.maximum(acceleration[:, 2] - gravity, 0)
+    size: Floats = np.linalg.norm(acceleration, axis=1)
+    return size

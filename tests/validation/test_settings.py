@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -20,6 +21,9 @@ from physretarget.validation import (
     validate,
     validate_many,
 )
+
+# The corners of a box.
+SIGNS = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
 
 
 @pytest.fixture
@@ -164,3 +168,45 @@ def test_literature_numbers_carry_their_caution(biped: Character, hop: Clip) -> 
     assert all(entry["caution"] and entry["definition"] for entry in report.literature.values())
     assert report.literature["physdiff_penetrate_mm"]["value"] < 5
     assert report.literature["physdiff_float_mm"]["value"] > 0  # the jump counts as floating
+
+
+def test_edges_score_of_a_clip_that_stands_still_is_none(biped: Character, standing: Clip) -> None:
+    """Its formula divides by the peak acceleration, which is rounding here; a clip that slides
+    at a constant speed is the worst of them, both feet moving."""
+    for rounding in (0.0, 1e-6):
+        rng = np.random.default_rng(1)
+        qpos = standing.qpos + rounding * rng.uniform(-0.5, 0.5, standing.qpos.shape)
+        qpos[:, 0] += 0.3 * standing.time
+        qpos[:, 3:7] /= np.linalg.norm(qpos[:, 3:7], axis=1, keepdims=True)
+        entry = validate(
+            replace(standing, qpos=qpos), biped, settings=Settings(also_literature=True)
+        ).literature["edge_pfc"]
+        assert entry["value"] is None
+        assert "rounding" in entry["caution"]
+
+
+def test_edges_score_is_its_formula(biped: Character, hop: Clip) -> None:
+    """1 / (N max|a|) sum |a_i| |v_left| |v_right|, from the bodies' own paths."""
+    model, data = biped.model, mujoco.MjData(biped.model)
+    com, feet = [], []
+    for qpos in hop.qpos:
+        data.qpos[:] = qpos
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        com.append(data.subtree_com[1].copy())
+        boxes = [model.body(f"{side}_foot").geomadr[0] for side in ("left", "right")]
+        turned = [data.geom_xmat[g].reshape(3, 3) for g in boxes]
+        corners = [
+            data.geom_xpos[g] + (t @ (SIGNS * model.geom_size[g]).T).T
+            for g, t in zip(boxes, turned, strict=True)
+        ]
+        feet.append([[*c[:, :2].mean(axis=0), c[:, 2].min()] for c in corners])
+    step = 1 / hop.fps
+    a = np.zeros((len(com), 3))
+    a[1:-1] = np.diff(np.array(com), 2, axis=0) / step**2
+    a[:, 2] = np.maximum(a[:, 2], 0)
+    size = np.linalg.norm(a, axis=1)
+    speed = np.linalg.norm(np.diff(np.array(feet), axis=0), axis=2) / step
+    expected = np.mean(size[1:] * speed[:, 0] * speed[:, 1]) / size.max()
+    report = validate(hop, biped, settings=Settings(also_literature=True))
+    assert report.literature["edge_pfc"]["value"] == pytest.approx(expected, rel=0.03)

@@ -1,0 +1,175 @@
+"""Small sound files of every format to start from: ``python fuzz/seeds.py FOLDER``."""
+
+from __future__ import annotations
+
+import io
+import json
+import pickle
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent))
+from targets import CUT, TOY, toy
+
+from physretarget.clip import Clip, npz_bytes
+
+BVH = """HIERARCHY
+ROOT Hips
+{
+  OFFSET 0 0 0
+  CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation
+  JOINT Leg
+  {
+    OFFSET 0 -40 0
+    CHANNELS 3 Zrotation Xrotation Yrotation
+    End Site
+    {
+      OFFSET 0 -40 0
+    }
+  }
+}
+MOTION
+Frames: 2
+Frame Time: 0.0333
+0 90 0 0 0 0 10 0 0
+1 90 0 0 5 0 12 0 0
+"""
+ASF = """:version 1.10
+:name tiny
+:units
+  mass 1.0
+  length 0.45
+  angle deg
+:root
+  order TX TY TZ RX RY RZ
+  axis XYZ
+  position 0 0 0
+  orientation 0 0 0
+:bonedata
+  begin
+    id 1
+    name upper
+    direction 0 -1 0
+    length 2
+    axis 0 0 90 XYZ
+    dof rx rz
+    limits (-10 10)
+           (-10 10)
+  end
+:hierarchy
+  begin
+    root upper
+  end
+"""
+AMC = """#!OML:ASF tiny.asf
+:FULLY-SPECIFIED
+:DEGREES
+1
+root 1 2 3 0 0 0
+upper 0 0
+"""
+TRC = """PathFileType\t4\t(X/Y/Z)\ta.trc
+DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate
+100\t100\t2\t2\tm\t100
+Frame#\tTime\tC7\t\t\tL_calc\t\t\t
+\t\tX1\tY1\tZ1\tX2\tY2\tZ2
+
+1\t0.00\t0\t1.4\t0.1\t0\t0.05\t-0.1
+2\t0.01\t0\t1.4\t0.1\t0\t0.05\t-0.1
+"""
+MOT = """forces
+version=1
+nRows=2
+nColumns=7
+endheader
+time\tground_force_1_vx\tground_force_1_vy\tground_force_1_vz\tground_force_1_px\tground_force_1_py\tground_force_1_pz
+0\t1\t700\t2\t0.1\t0\t0.2
+0.01\t1\t700\t2\t0.1\t0\t0.2
+"""
+CONFIG = """profile = "robot"
+lowpass_hz = 6
+select = ["DYN", "CON"]
+ignore = ["DYN005"]
+[limits.DYN001]
+error = 0.3
+[severity]
+CON004 = "error"
+"""
+
+
+def seeds() -> dict[str, dict[str, bytes]]:
+    """Target to name to content."""
+    qpos = np.tile(toy().reference_qpos, (12, 1))
+    clip = Clip(qpos=qpos, time=np.arange(12) / 30, joint_names=toy().joint_names)
+    npy = io.BytesIO()
+    np.save(npy, qpos)
+    parts = {"root_pos": qpos[:, :3], "root_rot": qpos[:, [4, 5, 6, 3]], "dof_pos": qpos[:, 7:]}
+    fields = {"fps": np.array(30.0), **parts}
+    bodies = {
+        "joint_pos": qpos[:, 7:], "fps": np.array([50.0]),
+        "body_pos_w": np.zeros((12, 2, 3)), "body_quat_w": np.ones((12, 2, 4)) / 2,
+    }  # fmt: skip
+    named = {"qpos": qpos, "frequency": np.array(40.0), "split_points": np.array([0, 5, 12])}
+    table = "\n".join(",".join(f"{v:g}" for v in row) for row in qpos)
+    head = "px,py,pz,qw,qx,qy,qz,elbow\n"
+    still = [0.05, 0, 0.9, 0, *[1, 0, 0, 0] * 4, 0, *[1, 0, 0, 0] * 2, 0, 1, 0, 0, 0, 0]
+    still += [*[1, 0, 0, 0] * 2, 0]
+    finding = {"clip": "still.npy", "code": "CON003", "body": None, "value": 0.4}
+    return {
+        "npz": {
+            "own": clip.to_bytes(), "gmr": npz_bytes(fields), "mjlab": npz_bytes(bodies),
+            "loco": npz_bytes(named),
+        },
+        "npy": {"plain": npy.getvalue()},
+        "csv": {"bare": table.encode(), "named": (head + table).encode()},
+        "pkl": {f"p{n}": pickle.dumps({"fps": 30, **parts}, n) for n in (0, 2, 4, 5)},
+        "config": {"all": CONFIG.encode()},
+        "baseline": {
+            "one": json.dumps(
+                {"schema": "physretarget/baseline/1", "accepted": [finding]}
+            ).encode()
+        },
+        "mjcf": {"toy": TOY.encode()},
+        "bvh": {"two": BVH.encode()},
+        "trc": {"two": TRC.encode()},
+        "c3d": {"two": c3d()},
+        "deepmimic": {"one": json.dumps({"Loop": "wrap", "Frames": [still, still]}).encode()},
+        "amc": {"tiny": ASF.encode() + CUT + AMC.encode()},
+        "mot": {"one": MOT.encode()},
+        "keyposes": {},
+        "phases": {},
+        "mapper": {},
+    }  # fmt: skip
+
+
+def c3d() -> bytes:
+    """Two markers, two frames."""
+    import ezc3d
+
+    file = ezc3d.c3d()
+    point = file["parameters"]["POINT"]
+    point["RATE"]["value"], point["LABELS"]["value"] = [50], ["LHEE", "RHEE"]
+    point["UNITS"]["value"] = ["mm"]
+    file["data"]["points"] = np.ones((4, 2, 2))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "a.c3d"
+        file.write(str(path))
+        return path.read_bytes()
+
+
+def main() -> None:
+    """Write them."""
+    if len(sys.argv) != 2:
+        sys.exit("usage: python fuzz/seeds.py FOLDER")
+    for target, inputs in seeds().items():
+        folder = Path(sys.argv[1]) / target
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, content in inputs.items():
+            (folder / name).write_bytes(content)
+
+
+if __name__ == "__main__":
+    main()
