@@ -69,8 +69,8 @@ def read(
 ) -> JointRecording | MarkerRecording:
     """Read a capture: metres, z up; unit and up axis are guessed, and noted, unless told.
 
-    ``unit`` is m, cm, mm, inch, cmu or metres per unit as a number; ``up`` is x, y or z;
-    ``skeleton`` is the ASF file of an AMC motion. InputError for what cannot be used.
+    ``unit`` is m, cm, mm, inch, cmu or metres per unit as a number; ``up`` is x, y, z, -x, -y
+    or -z; ``skeleton`` is the ASF file of an AMC motion. InputError for what cannot be used.
     """
     kind = detect_format(path)
     if Path(path).stat().st_size == 0:

@@ -11,7 +11,7 @@ a file's numbers say that they are meant as an addition.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -52,7 +52,7 @@ def read_bvh(path: str | Path, *, unit: str | None = None, up: str | None = None
     """
     content = Path(path).read_bytes()
     digest = sha256_of(content)
-    hierarchy, frame_time, values = _parse(content, path)
+    hierarchy, frame_time, values, remarks = _parse(content, path)
     del content
     position, rotation, notes = _assemble(hierarchy, values)
     raw = Raw(
@@ -65,14 +65,16 @@ def read_bvh(path: str | Path, *, unit: str | None = None, up: str | None = None
         position=position,
         rotation=rotation,
         end_sites=hierarchy.end_sites,
-        notes=notes,
+        notes=(*remarks, *notes),
     )
     return finish(raw, unit=unit, up=up)
 
 
-def _parse(content: bytes, path: str | Path) -> tuple[_Hierarchy, float, Floats]:
-    """Skeleton, frame time and the channels' values (T, channels)."""
-    text = content.decode("utf-8-sig", errors="replace")
+def _parse(content: bytes, path: str | Path) -> tuple[_Hierarchy, float, Floats, tuple[str, ...]]:
+    """Skeleton, frame time, the channels' values (T, channels), and what was odd."""
+    wide = content.startswith((b"\xff\xfe", b"\xfe\xff"))  # as Windows' editors save "Unicode"
+    text = content.decode("utf-16" if wide else "utf-8-sig", errors="replace")
+    text = text.rstrip("\x00\x1a")  # padding, and DOS' end of file
     if not text.strip():
         raise InputError("The file is empty.", path=path)
     if "\r" in text:
@@ -132,7 +134,7 @@ def _parse_hierarchy(lines: list[str], path: str | Path) -> _Hierarchy:
             continue
         if key in ("ROOT", "JOINT"):
             pending = _open_joint(tree, stack, key, rest.strip(), path, number)
-        elif key == "END":
+        elif key in ("END", "ENDSITE"):
             pending = _open_end(tree, stack, path, number)
         elif key == "{":
             if pending is None:
@@ -255,9 +257,9 @@ def _header(
 
 def _parse_motion(
     lines: list[str], start: int, width: int, path: str | Path
-) -> tuple[float, Floats]:
-    """Frame time in seconds and the values (T, width) after the MOTION line."""
-    at, count = _header(lines, start + 1, r"frames\s*:?\s*(\d{1,12})$", "Frames: N", path)
+) -> tuple[float, Floats, tuple[str, ...]]:
+    """Frame time in seconds, the values (T, width) after the MOTION line, and what was odd."""
+    at, count = _header(lines, start + 1, r"frames\s*:?\s*(\d{1,12})(?:\.0*)?$", "Frames: N", path)
     at, seconds = _header(lines, at + 1, r"frame\s*time\s*:?\s*(\S+)$", "Frame Time: s", path)
     try:
         frame_time = float(seconds)
@@ -271,44 +273,69 @@ def _parse_motion(
         )
     if width == 0:
         raise InputError("No joint has a channel, so nothing moves.", path=path, line=at + 1)
-    rows = _rows(lines, at + 1, width, path)
+    rows = _rows(_frame_lines(lines, at + 1, width, int(count)), width, path)
     if len(rows) == 0:
         raise InputError("There are no frames.", path=path, line=len(lines))
-    if len(rows) != int(count):
+    if len(rows) < int(count):
         raise InputError(
             f"Frames: {count} is declared, but the file holds {len(rows)}.",
             path=path,
             line=len(lines),
         )
-    return frame_time, rows
+    if len(rows) > int(count):
+        return frame_time, rows, (f"{count} frames are declared; all {len(rows)} were read",)
+    return frame_time, rows, ()
+
+
+def _frame_lines(
+    lines: list[str], start: int, width: int, count: int
+) -> Iterator[tuple[int, list[str]]]:
+    """Line numbers (from 1) and words of each frame; some writers break a frame's line.
+
+    Broken lines are put together only if the file holds exactly the values that it declares.
+    """
+    first = next((line for line in lines[start:] if line.strip()), "")
+    if len(first.split()) < width and (
+        sum(len(lines[i].split()) for i in range(start, len(lines))) == width * count
+    ):
+        pending: list[str] = []
+        began = start
+        for number in range(start, len(lines)):
+            began = began if pending else number
+            pending += lines[number].split()
+            while len(pending) >= width:
+                yield began + 1, pending[:width]
+                pending, began = pending[width:], number
+        return
+    for number in range(start, len(lines)):
+        words = lines[number].split()
+        if words:
+            yield number + 1, words
 
 
 _BLOCK = 2000  # rows turned into an array at a time: Python floats take four times the memory
 
 
-def _rows(lines: list[str], start: int, width: int, path: str | Path) -> Floats:
+def _rows(frames: Iterable[tuple[int, list[str]]], width: int, path: str | Path) -> Floats:
     """All frames; the error names the line whose count or number is wrong."""
     blocks = [np.empty((0, width))]
     values: list[float] = []
-    for number in range(start, len(lines)):
-        words = lines[number].split()
-        if not words:
-            continue
+    for number, words in frames:
         if len(words) != width:
             raise InputError(
                 f"A frame needs {width} values, this line has {len(words)}.",
                 path=path,
-                line=number + 1,
+                line=number,
             )
         try:
             row = [float(word) for word in words]
         except ValueError:
-            raise InputError("A value is not a number.", path=path, line=number + 1) from None
+            raise InputError("A value is not a number.", path=path, line=number) from None
         if not -_MAX_VALUE <= min(row) <= max(row) <= _MAX_VALUE and any(
             abs(value) > _MAX_VALUE for value in row
         ):
             raise InputError(
-                f"A value is infinite or beyond {_MAX_VALUE:g}.", path=path, line=number + 1
+                f"A value is infinite or beyond {_MAX_VALUE:g}.", path=path, line=number
             )
         values += row
         if len(values) >= _BLOCK * width:

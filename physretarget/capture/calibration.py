@@ -30,6 +30,7 @@ _UP = np.array([0.0, 0.0, 1.0])
 _STILL = 0.15  # m/s: a foot slower than this stands
 _LOW = 0.04  # m: and is this near to its lowest
 _BENT = np.radians(20.0)  # a knee or elbow bent more than this shows its hinge axis
+_TOE_BELOW = float(np.radians(30.0))  # the ball of the toes below the ankle, if no stance shows it
 _SNAP = np.cos(np.radians(30.0))
 
 
@@ -395,12 +396,22 @@ def _foot(
     if up is None or abs(up @ toe) > 0.85:
         if rest is not None:
             up = rest[:, 2]
-        else:  # the ball of the toes lies about 30 degrees below the ankle
+        else:
             side_axis = mean_direction(_local(joint, shank[:, :, 1]))
             across = unit(side_axis - (side_axis @ toe) * toe)
             up = np.cross(toe, across)
-            up = unit(up * np.cos(np.radians(30)) - toe * np.sin(np.radians(30)))
+            below = _below_ankle(measured, foot, stance)
+            up = unit(up * np.cos(below) - toe * np.sin(below))
     return frame(np.cross(up, toe), up)
+
+
+def _below_ankle(measured: Measured, foot: str, stance: NDArray[np.bool_]) -> float:
+    """How far (rad) the ball of the toes lies below the ankle, as seen from it, on level ground."""
+    if np.count_nonzero(stance) < max(3, 0.15 * measured.fps):
+        return _TOE_BELOW
+    way = unit(measured.end[foot][stance] - measured.centre[foot][stance])
+    angle = float(np.arcsin(np.clip(np.median(-way[:, 2]), -1.0, 1.0)))
+    return float(np.clip(angle, np.radians(5.0), np.radians(50.0)))
 
 
 def _level(joint: Floats, stance: NDArray[np.bool_], fps: float) -> Floats | None:

@@ -146,7 +146,7 @@ def _unit(raw: RawMarkers, position: Floats, notes: list[str]) -> str:
 
 
 def _up(raw: RawMarkers, position: Floats, notes: list[str]) -> str:
-    seen = up_axis(raw.labels, position)
+    seen = up_axis(raw.labels, position, raw.up or raw.usual_up)
     if seen is None:
         chosen = raw.up or raw.usual_up
         why = "as the file says" if raw.up else f"the custom of {raw.format.upper()} files"

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget.capture.actor import PARENTS, SEGMENT, SEGMENTS, ActorShape
+from physretarget.capture.skeleton import lies_down, upright_axis
 
 Floats = NDArray[np.float64]
 
@@ -254,8 +255,11 @@ def _joint_centres() -> Floats:
     return centres
 
 
-def up_axis(labels: Sequence[str], position: Floats) -> str | None:
+def up_axis(labels: Sequence[str], position: Floats, stated: str | None = None) -> str | None:
     """The axis along which head and shoulders are above the feet; None if that is unclear.
+
+    ``stated`` is what the file says or what its format is used to: a body that lies on that
+    floor is not taken for one that stands on another.
 
     ``position`` (T, M, 3) in the file's axes. Poses decide, so that a header that lies does
     no harm; clips on all fours or lying down stay undecided.
@@ -276,11 +280,11 @@ def up_axis(labels: Sequence[str], position: Floats) -> str | None:
     good = np.flatnonzero(np.isfinite(length) & (length > 0))
     if not len(good):
         return None
-    mean = np.mean(way[good] / length[good, None], axis=0)
-    best, second = np.argsort(-np.abs(mean))[:2]
-    if mean[best] > 0.6 and mean[best] - abs(mean[second]) > 0.2:
-        return "xyz"[best]
-    return None
+    seen = upright_axis(way[good] / length[good, None])
+    if stated is None or seen is None or seen == stated:
+        return seen
+    lying = lies_down(some, stated, seen, float(np.median(length[good])))
+    return None if lying else seen
 
 
 def _mean_known(position: Floats) -> Floats:

@@ -66,6 +66,7 @@ _FILLERS = {
     "deform",
     "x",
     "c",
+    "m",  # Advanced Skeleton's "Head_M": in the middle
 }
 # Helpers that carry a body part's name and are no joint of it.
 _NOISE = re.compile(
@@ -102,9 +103,11 @@ def split_name(name: str) -> tuple[str | None, tuple[str, ...]]:
             kept.append(token)
     if side is None:
         side, kept = _glued_side(kept)
-    if side is None and len(kept) > 1:  # "LUArm" reads as "LU Arm"
-        side, whole = _glued_side(["".join(kept)])
-        kept = whole if side else kept
+    for start in range(len(kept) - 1 if side is None else 0):  # "Bob_LUArm" reads as "Bob LU Arm"
+        side, whole = _glued_side(["".join(kept[start:])])
+        if side:
+            kept = [*kept[:start], *whole]
+            break
     plain = [token for token in kept if token not in _FILLERS]
     return side, tuple(plain if plain and plain != ["hip"] else kept)
 
@@ -267,6 +270,8 @@ def _trunk(
     arms = [roles.get(f"{side}_clavicle", roles.get(f"{side}_upper_arm", -1)) for side in SIDES]
     if min(arms) >= 0:
         chest = _common(parents, arms[0], arms[1])
+    if neck is None and head is None and chest is not None:
+        neck, head = _head_by_structure(parents, chest, central, roles)
     if neck is None and head is not None:
         neck = _neck_by_structure(parents, head, chest, hips)
     if neck is not None and head is None:
@@ -287,6 +292,25 @@ def _neck_by_structure(
     stop = chest if chest in chain else hips
     between = chain[1 : chain.index(stop)] if stop in chain else []
     return between[-1] if between else None
+
+
+def _head_by_structure(
+    parents: Sequence[int], chest: int, central: Sequence[int], roles: Mapping[str, int]
+) -> tuple[int | None, int | None]:
+    """Neck and head where no name tells: the chain without a side that leaves the chest.
+
+    Blender's Rigify counts its spine up to the head: ``spine.003`` carries the arms.
+    """
+    taken = {above for joint in roles.values() for above in ancestors(parents, joint)}
+    chain: list[int] = []
+    at = chest
+    while True:
+        onward = [j for j in central if parents[j] == at and j not in taken]
+        if len(onward) != 1:
+            break
+        at = onward[0]
+        chain.append(at)
+    return (chain[0], chain[-1]) if len(chain) > 1 else (None, chain[0] if chain else None)
 
 
 def _spine(roles: Mapping[str, int], parents: Sequence[int]) -> tuple[int, ...]:

@@ -29,6 +29,9 @@ _TO_WORLD: Mapping[str, NDArray[np.float64]] = {
     "x": np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]]),
     "y": np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]),
     "z": np.eye(3),
+    "-x": np.array([[0.0, 1, 0], [0, 0, -1], [-1, 0, 0]]),
+    "-y": np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]),
+    "-z": np.diag([1.0, -1.0, -1.0]),
 }
 
 
@@ -51,7 +54,7 @@ class Raw:
 def to_world(up: str) -> Floats:
     """The rotation that takes the file's axes to the world's (z up)."""
     if up not in _TO_WORLD:
-        raise UsageError(f"The up axis is {up!r}; it must be one of x, y, z.")
+        raise UsageError(f"The up axis is {up!r}; it must be one of x, y, z, -x, -y, -z.")
     return _TO_WORLD[up].copy()
 
 
@@ -109,21 +112,81 @@ def guess_unit(raw: Raw, body: Body) -> tuple[str, float, str]:
 
 
 def guess_up(raw: Raw, body: Body) -> tuple[str, str]:
-    """Up axis and a sentence: the axis along which the head is above the feet."""
+    """Up axis and a sentence: the axis along which the head is above the feet.
+
+    In most frames; else in more than along any other axis, since acrobats stand before and
+    after; else in the rest pose, which alone may say that the file is upside down.
+    """
+    custom = "y", "up axis taken as y, the format's custom: the clip's poses do not tell"
     top = next((body.roles[r] for r in ("head", "neck", "chest") if r in body.roles), None)
     feet = [body.roles[r] for r in ("left_foot", "right_foot") if r in body.roles]
-    if top is not None and feet:
-        foot = np.mean([_sample(raw, j) for j in feet], axis=0)
-        way = _sample(raw, top) - foot
-        length = np.linalg.norm(way, axis=1)
-        good = np.isfinite(length) & (length > 0)
-        if good.any():
-            mean = np.mean(way[good] / length[good, None], axis=0)
-            best, second = np.argsort(-mean)[:2]
-            if mean[best] > 0.6 and mean[best] - mean[second] > 0.2:
-                axis = "xyz"[best]
-                return axis, f"up axis found as {axis}: the head is above the feet along it"
-    return "y", "up axis taken as y, the format's custom: the clip's poses do not tell"
+    if top is None or not feet:
+        return custom
+    way = _sample(raw, top) - np.mean([_sample(raw, j) for j in feet], axis=0)
+    length = np.linalg.norm(way, axis=1)
+    good = np.isfinite(length) & (length > 0)
+    if not good.any():
+        return custom
+    way = way[good] / length[good, None]
+    seen, rest = upright_axis(way), _rest_up(raw, top, feet)
+    if seen and rest and rest != seen and lies_down(raw.position, rest, seen, np.median(length)):
+        seen = None
+    if seen:
+        return seen, f"up axis found as {seen}: the head is above the feet along it"
+    downward = rest and rest[0] == "-" and np.mean(way[:, "xyz".index(rest[1])]) < -0.6
+    if rest and (rest[0] != "-" or downward):
+        return rest, f"up axis found as {rest}: the head is above the feet along it at rest"
+    return custom
+
+
+def lies_down(position: Floats, stated: str, seen: str, size: float) -> bool:
+    """Whether ``position`` (T, K, 3) rather lies on the stated axis' floor than stands on the seen.
+
+    Its lowest points then keep to the height zero of the one and not of the other.
+    """
+    some = position[:: max(1, len(position) // 200)]
+    some = some[np.isfinite(some).any(axis=(1, 2))]
+    if stated[0] == "-" or not len(some):
+        return False
+    low = np.abs(np.median(np.nanmin(some, axis=1), axis=0))
+    return bool(low["xyz".index(stated)] < 0.15 * size and low["xyz".index(seen)] > 0.3 * size)
+
+
+def upright_axis(way: Floats) -> str | None:
+    """The file's axis along which unit vectors (T, 3) from feet to head point, if one stands out.
+
+    By their mean, or by the frames in which they are within 30 degrees of it.
+    """
+    mean = np.mean(way, axis=0)
+    best, second = np.argsort(-mean)[:2]
+    if mean[best] > 0.6 and mean[best] - mean[second] > 0.2:
+        return "xyz"[best]
+    share = np.mean(np.abs(way) > np.cos(np.radians(30.0)), axis=0)
+    upward = np.mean(way > np.cos(np.radians(30.0)), axis=0)
+    best, second = np.argsort(-share)[:2]
+    if upward[best] > 0.15 and upward[best] > 1.5 * max(share[second], share[best] - upward[best]):
+        return "xyz"[best]
+    return None
+
+
+def _rest_up(raw: Raw, top: int, feet: Sequence[int]) -> str | None:
+    """The axis, "-" before it if downward, from feet to head with no joint turned, if clear."""
+    place = np.zeros((len(raw.names), 3))
+    for j, parent in enumerate(raw.parents):
+        if parent >= 0:
+            way = _sample(raw, j) - _sample(raw, parent)
+            step = max(1, len(raw.position) // 200)
+            local = np.einsum("tji,tj->ti", raw.rotation[::step, parent], way)
+            finite = local[np.isfinite(local).all(axis=1)]
+            place[j] = place[parent] + (np.median(finite, axis=0) if len(finite) else 0.0)
+    way = place[top] - place[list(feet)].mean(axis=0)
+    length = float(np.linalg.norm(way))
+    axis = int(np.argmax(np.abs(way)))
+    apart = float(np.linalg.norm(place[feet[0]] - place[feet[-1]]))
+    # Skeletons whose bones all rest along one axis stretch both feet to one place.
+    if length == 0 or abs(way[axis]) < 0.9 * length or (len(feet) > 1 and apart < 0.03 * length):
+        return None
+    return ("-" if way[axis] < 0 else "") + "xyz"[axis]
 
 
 def finish(raw: Raw, *, unit: str | None, up: str | None) -> JointRecording:

@@ -121,7 +121,7 @@ def retarget_command(
     ] = None,
     up: Annotated[
         str | None,
-        typer.Option("--up", help="The capture's up axis, if not to be guessed.", metavar="x|y|z"),
+        typer.Option("--up", help="The capture's up axis, if not to be guessed.", metavar="[-]x|y|z"),
     ] = None,
     skeleton: Annotated[
         Path | None, typer.Option("--skeleton", help="ASF file of an AMC capture.")
