@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,18 +17,17 @@ from physretarget.service.schemas import (
     Summary,
 )
 from physretarget.suite.compare import State, compare, tolerance_of
+from physretarget.suite.pair_page import PairSide, pair_page
 from physretarget.suite.queue import JobRecord
 
 Sides = Sequence[tuple[JobRecord, Path]]
-_REPORT_BYTES = 64 * 2**20
+_REPORT_BYTES = 8 * 2**20
+_MOTION_BYTES = 64 * 2**20
 
 
 def compared(sides: Sides) -> Compared:
     """The right job against the left one."""
-    documents = [_document(folder) for _, folder in sides]
-    left, right = (
-        _state(job, document) for (job, _), document in zip(sides, documents, strict=True)
-    )
+    left, right = (_state(job, folder) for job, folder in sides)
     verdict = compare(right, left)
     changes = {change.name: change.worse for change in verdict.changes}
     return Compared(
@@ -42,27 +42,62 @@ def compared(sides: Sides) -> Compared:
 
 def side_by_side(sides: Sides) -> str:
     """One page with both replays."""
-    raise ApiError(503, "Not there yet.")
+    told = compared(sides)
+    left, right = (_pair_side(job, folder) for job, folder in sides)
+    return pair_page(
+        left,
+        right,
+        verdict=told.verdict,
+        reason=told.reason,
+        measures=[measure.model_dump() for measure in told.measures],
+        findings=[finding.model_dump() for finding in told.findings],
+    )
+
+
+def _pair_side(job: JobRecord, folder: Path) -> PairSide:
+    summary = job.summary or {}
+    return PairSide(
+        name=job.clip_name, errors=summary.get("errors", 0), warnings=summary.get("warnings", 0),
+        motion=_inflated(folder / "motion.z"), model=_inflated(folder / "model.z"),
+    )  # fmt: skip
+
+
+def _inflated(place: Path) -> str:
+    """A compressed text that a job left, up to a size."""
+    inflater = zlib.decompressobj()
+    try:
+        content = inflater.decompress(place.read_bytes(), _MOTION_BYTES)
+        if inflater.unconsumed_tail:
+            raise ApiError(409, "The motion is too long to be shown side by side.")
+        return content.decode("utf-8")
+    except (OSError, zlib.error, UnicodeDecodeError) as error:
+        raise ApiError(409, "The job left no usable motion.") from error
 
 
 def _side(job: JobRecord) -> Side:
     return Side(job=job.id, name=job.clip_name, summary=Summary(**(job.summary or {})))
 
 
-def _document(folder: Path) -> Mapping[str, Any]:
+def _state(job: JobRecord, folder: Path) -> State:
+    """What a job's report says; written by a process that is not trusted, so taken with care."""
     place = folder / "report.json"
-    if place.stat().st_size > _REPORT_BYTES:
-        raise ApiError(409, "The report is too large to be compared.")
-    document: Mapping[str, Any] = json.loads(place.read_bytes())
-    return document
-
-
-def _state(job: JobRecord, document: Mapping[str, Any]) -> State:
-    findings: dict[str, dict[str, int]] = {}
-    for finding in document["findings"]:
-        count = findings.setdefault(finding["code"], {"errors": 0, "warnings": 0})
-        count["errors" if finding["severity"] == "error" else "warnings"] += 1
-    return State(address=job.id, status="ok", measures=document["measures"], findings=findings)
+    try:
+        if place.stat().st_size > _REPORT_BYTES:
+            raise ApiError(409, "The report is too large to be compared.")
+        document = json.loads(place.read_bytes())
+        findings: dict[str, dict[str, int]] = {}
+        for finding in document["findings"]:
+            count = findings.setdefault(str(finding["code"]), {"errors": 0, "warnings": 0})
+            count["errors" if finding["severity"] == "error" else "warnings"] += 1
+        measures = {
+            str(name): {
+                "value": None if m["value"] is None else float(m["value"]), "unit": str(m["unit"]),
+            }
+            for name, m in document["measures"].items()
+        }  # fmt: skip
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+        raise ApiError(409, "The job left no usable report.") from error
+    return State(address=job.id, status="ok", measures=measures, findings=findings)
 
 
 def _measures(

@@ -71,6 +71,14 @@ class Service:
         self._collect()
         self.counts = self.queue.counts()
         self.supervisor.start()
+        threading.Thread(target=self._warm_up, name="warm-up", daemon=True).start()
+
+    def _warm_up(self) -> None:
+        """Import what jobs need before the first one comes."""
+        try:
+            self.pool.start()
+        except PhysretargetError as error:
+            log.error("%s", error)
 
     def look(self) -> None:
         """See how many jobs there are and whether the database answers."""

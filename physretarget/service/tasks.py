@@ -31,6 +31,7 @@ from physretarget.report.retarget_html import render_retarget_html
 from physretarget.report.sarif import render_sarif
 from physretarget.report.text import render_text
 from physretarget.sandbox.limits import Limits
+from physretarget.sandbox.mjcf import check_model as check_files
 from physretarget.service.layout import lay_out
 from physretarget.suite.work import artifacts
 from physretarget.trained import check_mobile, learn
@@ -121,12 +122,7 @@ def check_model(request: Mapping[str, Any], folder: Path, progress: Progress) ->
     root = folder / "model"
     main = lay_out(Path(request["upload"]), request["name"], request["main"], root, limits)
     progress(0.2, "check")
-    import importlib.util
-
-    if importlib.util.find_spec("physretarget.sandbox.mjcf"):
-        from physretarget.sandbox.mjcf import check_model as check_files
-
-        check_files(root, root / main, limits)
+    check_files(root, root / main, limits)
     progress(0.4, "compile")
     character = Character.load(root / main)
     progress(0.7, "audit")

@@ -38,7 +38,7 @@ def clip_page(
     data = {
         "now": entry.address if now else None,
         "baseline": entry.baseline if before and not same else None,
-        "charts": _chart_looks(),
+        "charts": chart_looks(),
     }
     return templates().get_template("clip.html.j2").render(
         version=__version__, entry=entry, accepted=accepted, name=entry.clip.split("/", 1)[-1],
@@ -55,7 +55,7 @@ def clip_page(
 
 
 @cache
-def _chart_looks() -> dict[str, Any]:
+def chart_looks() -> dict[str, Any]:
     """How each series is drawn, by name; the page draws those that its motion has."""
     looks: dict[str, Any] = {}
     for name in _SERIES:

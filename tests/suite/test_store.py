@@ -112,7 +112,7 @@ def test_migrations_run_once_and_in_order(url: str, monkeypatch: pytest.MonkeyPa
 
     monkeypatch.setattr(store_module, "MIGRATIONS", (*store_module.MIGRATIONS, add))
     for _ in range(2):
-        with Store(url) as store, store._begin() as connection:
+        with Store(url) as store, store.begin() as connection:
             assert connection.execute(sa.text("SELECT later FROM results")).scalars().all() == [7]
     monkeypatch.undo()
     with pytest.raises(InputError, match="newer version"):
@@ -128,7 +128,7 @@ def test_a_failed_migration_leaves_nothing(url: str, monkeypatch: pytest.MonkeyP
     with pytest.raises(InputError, match="history fails"):
         Store(url)
     monkeypatch.undo()
-    with Store(url) as store, store._begin() as connection:
+    with Store(url) as store, store.begin() as connection:
         assert not sa.inspect(connection).has_table("half")
 
 

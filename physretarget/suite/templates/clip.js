@@ -6,7 +6,9 @@
   globalThis.physretargetData = (kind, key, content) => { loaded[`${kind}/${key}`] = content; };
   // A page opened from disk may not fetch, but it may load scripts.
   function load(kind, key) {
-    const name = `${kind}/${key}`;
+    const name = `${kind}/${key}`, inside = document.getElementById(name);
+    // A page that stands alone brings its data along.
+    if (inside) waiting[name] ??= Promise.resolve(JSON.parse(inside.textContent));
     waiting[name] ??= new Promise((done, failed) => {
       const script = document.createElement("script");
       script.src = `../${kind === "model" ? "models" : kind}/${key}.js`;
@@ -153,10 +155,11 @@
   // ---- everything ----------------------------------------------------------------------------
   async function start() {
     const place = document.getElementById("player");
-    const wanted = [["baseline", page.baseline], ["now", page.now]].filter(([, key]) => key);
+    const [then, today] = page.names ?? ["baseline", "now"];
+    const wanted = [[then, page.baseline], [today, page.now]].filter(([, key]) => key);
     const parts = await Promise.all(wanted.map(async ([name, key]) => {
       const motion = await load("motion", key);
-      return { name, motion, model: await load("model", motion.model) };
+      return { name, motion, model: await load("model", page.names ? key : motion.model) };
     }));
     player = physretarget.mount(place, stageOf(parts), { autoplay: false });
     globalThis.player = player;
