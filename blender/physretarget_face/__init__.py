@@ -52,7 +52,7 @@ class PHYSRETARGET_OT_match(bpy.types.Operator):
         ],
     )
     fidelity: FloatProperty(  # type: ignore[valid-type]
-        name="Fidelity", default=0.02, min=0.001, max=0.5, precision=3,
+        name="Fidelity", default=0.01, min=0.001, max=0.5, precision=3,
         description="Deviation, of what a channel moves, worth one unit of price",
     )  # fmt: skip
     key_cost: FloatProperty(  # type: ignore[valid-type]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget.face.place import Placed, lengths, shortest_path
-from physretarget.face.screen import Method, ScreenSettings, fit_windows
+from physretarget.face.screen import Method, ScreenSettings, Windows, fit_windows
 from physretarget.face.templates import Bank
 
 Array = NDArray[np.float64]
@@ -24,7 +24,7 @@ class CoverSettings:
     a phrase cost. prior: weight of how common a template is. longest: longest span in seconds.
     """
 
-    fidelity: float = 0.03
+    fidelity: float = 0.01
     key_cost: float = 12.0
     inner_key: float = 0.7
     prior: float = 1.0
@@ -32,18 +32,44 @@ class CoverSettings:
     phrases: bool = False
 
 
+@dataclass(frozen=True, eq=False)
+class Job:
+    """Channels (C, M) in units of what each moves.
+
+    values: the capture. smooth: without noise. weight: how much each frame counts.
+    barred: frames that nothing may run across.
+    """
+
+    values: Array
+    smooth: Array
+    weight: Array
+    barred: NDArray[np.bool_]
+
+    def windows(self, rows: slice) -> Windows:
+        """Some channels end to end, in single precision."""
+        return Windows.of(self.values[rows], self.smooth[rows], self.weight[rows])
+
+    def part(self, channel: int, frames: slice) -> Job:
+        """Some frames of one channel."""
+        one = slice(channel, channel + 1)
+        return Job(
+            self.values[one, frames],
+            self.smooth[one, frames],
+            self.weight[one, frames],
+            self.barred[one, frames],
+        )
+
+
 def cover(
-    values: Array,
-    smooth: Array,
+    job: Job,
     fps: float,
     bank: Bank,
     method: Method,
     settings: CoverSettings,
     screen: ScreenSettings,
-    barred: NDArray[np.bool_] | None = None,
 ) -> list[list[Placed]]:
-    """Segments for every channel of values (C, M); none runs across a barred (C, M) frame."""
-    channels, frames = values.shape
+    """Segments for every channel; none runs across a barred frame."""
+    channels, frames = job.values.shape
     spans = lengths(frames, fps, settings.longest)
     cost = np.full((channels, frames, len(spans)), np.inf, dtype=np.float32)
     best = np.zeros((channels, frames, len(spans)), dtype=np.int32)
@@ -55,9 +81,9 @@ def cover(
         weight = np.float32((n + 1) * (30.0 / fps) / (2.0 * settings.fidelity**2))
         for offer in offers:
             if offer is not None:
-                _bid(cost, best, index, offer, values, smooth, weight, int(n), method, screen)
-    if barred is not None:
-        _bar(cost, spans, barred)
+                _bid(cost, best, index, offer, job, weight, int(n), method, screen)
+    if job.barred.any():
+        _bar(cost, spans, job.barred)
     known = len(bank.spans)
     return [
         [_placed(j - int(spans[x]), j, int(best[c, j, x]), known) for j, x in path]
@@ -126,23 +152,21 @@ def _bid(
     best: NDArray[np.int32],
     index: int,
     offer: Offer,
-    values: Array,
-    smooth: Array,
+    job: Job,
     weight: np.float32,
     n: int,
     method: Method,
     screen: ScreenSettings,
 ) -> None:
     """Keep, per channel and end frame, the cheaper of what is known and the best of the offer."""
-    channels, frames = values.shape
+    channels, frames = job.values.shape
     starts = np.arange(frames - n)
     step = max(1, _BLOCK // (max(1, len(offer.numbers)) * frames))
     for first in range(0, channels, step):
         block = slice(first, first + step)
-        count = len(values[block])
+        count = len(job.values[block])
         fit = fit_windows(
-            values[block].astype(np.float32).ravel(),
-            smooth[block].astype(np.float32).ravel(),
+            job.windows(block),
             (np.arange(count)[:, None] * frames + starts).ravel(),
             n,
             offer.shapes,
@@ -150,10 +174,9 @@ def _bid(
             screen,
             offer.amplitudes,
         )
-        # The method ranks the templates; what the choice costs is its misfit, in one currency.
-        pick = np.argmin(fit.score * weight + offer.price, axis=1)
-        misfit = np.take_along_axis(fit.squared, pick[:, None], 1)[:, 0]
-        low = (misfit * weight + offer.price[pick]).reshape(count, -1)
+        total = fit.cost * weight + offer.price
+        pick = np.argmin(total, axis=1)
+        low = np.take_along_axis(total, pick[:, None], 1).reshape(count, -1)
         better = low < cost[block, n:, index]
         cost[block, n:, index] = np.where(better, low, cost[block, n:, index])
         numbers = offer.numbers[pick].reshape(count, -1)

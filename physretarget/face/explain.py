@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from physretarget.face.curve import Curve
 from physretarget.face.library import Library
 from physretarget.face.place import Placed
-from physretarget.face.screen import Method, ScreenSettings, fit_windows
+from physretarget.face.screen import Method, ScreenSettings, Windows, fit_windows
 from physretarget.face.templates import Bank
 
 Array = NDArray[np.float64]
@@ -105,9 +105,9 @@ def _margin(
     shapes = bank.phrase_shapes(n) if piece.phrase else bank.span_shapes(n)
     if len(shapes) < 2:
         return 1.0
+    capture = Windows.of(values[None], smooth[None], np.ones((1, len(values))))
     fit = fit_windows(
-        values.astype(np.float32),
-        smooth.astype(np.float32),
+        capture,
         np.array([piece.first]),
         n,
         shapes,

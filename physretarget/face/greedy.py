@@ -5,30 +5,26 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from physretarget.face.cover import CoverSettings, cover
+from physretarget.face.cover import CoverSettings, Job, cover
 from physretarget.face.place import Placed, lengths
-from physretarget.face.screen import Method, ScreenSettings, fit_windows
+from physretarget.face.screen import Method, ScreenSettings, Windows, fit_windows
 from physretarget.face.templates import Bank
-
-Array = NDArray[np.float64]
 
 
 def greedy_cover(
-    values: Array,
-    smooth: Array,
+    job: Job,
     fps: float,
     bank: Bank,
     method: Method,
     settings: CoverSettings,
     screen: ScreenSettings,
-    barred: NDArray[np.bool_] | None = None,
 ) -> list[list[Placed]]:
     """Phrases of four keys and more claim frames where their error is below the fidelity.
 
     What nobody claims is a gap: covered by fitted spans and marked so.
     """
-    channels, frames = values.shape
-    claimed = np.zeros(values.shape, dtype=bool) if barred is None else barred.copy()
+    channels, frames = job.values.shape
+    claimed = job.barred.copy()
     found: list[list[Placed]] = [[] for _ in range(channels)]
     tried = lengths(frames, fps, settings.longest)
     longest_first = [int(n) for n in tried[::-3] if n >= 6]
@@ -45,8 +41,7 @@ def greedy_cover(
                 _claim(
                     found[c],
                     claimed[c],
-                    values[c],
-                    smooth[c],
+                    job.windows(slice(c, c + 1)),
                     n,
                     known,
                     shapes,
@@ -55,17 +50,13 @@ def greedy_cover(
                     settings.fidelity,
                     screen,
                 )
-    return [
-        _fill(found[c], values[c], smooth[c], fps, bank, method, settings, screen, barred, c)
-        for c in range(channels)
-    ]
+    return [_fill(found[c], job, c, fps, bank, method, settings, screen) for c in range(channels)]
 
 
 def _claim(
     found: list[Placed],
     claimed: NDArray[np.bool_],
-    values: Array,
-    smooth: Array,
+    capture: Windows,
     n: int,
     known: NDArray[np.intp],
     shapes: NDArray[np.float32],
@@ -81,8 +72,7 @@ def _claim(
         if not len(starts):
             return
         fit = fit_windows(
-            values.astype(np.float32),
-            smooth.astype(np.float32),
+            capture,
             starts,
             n,
             shapes,
@@ -90,7 +80,7 @@ def _claim(
             screen,
             bounds,
         )
-        score = np.where(fit.squared <= fidelity**2, fit.score, np.inf)
+        score = np.where(fit.squared <= fidelity**2, fit.cost, np.inf)
         best = int(np.argmin(score))
         row, column = divmod(best, score.shape[1])
         if not np.isfinite(score[row, column]):
@@ -102,36 +92,24 @@ def _claim(
 
 def _fill(
     found: list[Placed],
-    values: Array,
-    smooth: Array,
+    job: Job,
+    channel: int,
     fps: float,
     bank: Bank,
     method: Method,
     settings: CoverSettings,
     screen: ScreenSettings,
-    barred: NDArray[np.bool_] | None,
-    channel: int,
 ) -> list[Placed]:
     chain: list[Placed] = []
     edge = 0
     for piece in [*sorted(found, key=lambda p: p.first), None]:
-        until = len(values) - 1 if piece is None else piece.first
+        until = job.values.shape[1] - 1 if piece is None else piece.first
         if until > edge:
-            part = slice(edge, until + 1)
-            locks = None if barred is None else barred[channel, None, part]
+            part = job.part(channel, slice(edge, until + 1))
             if until - edge < 2:
                 chain.append(Placed(edge, until, 0, fitted=True))
             else:
-                gap = cover(
-                    values[None, part],
-                    smooth[None, part],
-                    fps,
-                    bank,
-                    method,
-                    settings,
-                    screen,
-                    locks,
-                )[0]
+                gap = cover(part, fps, bank, method, settings, screen)[0]
                 chain += [
                     Placed(p.first + edge, p.last + edge, p.template, p.phrase, True) for p in gap
                 ]

@@ -8,15 +8,15 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import savgol_filter
 
 from physretarget.errors import InputError, UsageError
-from physretarget.face.cover import CoverSettings, cover
+from physretarget.face.cover import CoverSettings, Job, cover
 from physretarget.face.curve import Curve, Key
 from physretarget.face.explain import Piece, explain
 from physretarget.face.greedy import greedy_cover
 from physretarget.face.join import assemble
 from physretarget.face.library import Library
+from physretarget.face.noise import measure_noise, reliability, smoothed
 from physretarget.face.place import Placed
 from physretarget.face.rig import Rig, RigChannel
 from physretarget.face.screen import METHODS, Method, ScreenSettings
@@ -41,7 +41,7 @@ class MatchSettings:
     """
 
     method: Method = "distance"
-    fidelity: float = 0.03
+    fidelity: float = 0.01
     key_cost: float = 12.0
     placement: str = "optimal"
     phrases: bool = False
@@ -105,15 +105,13 @@ class Result:
 
 
 @dataclass(frozen=True, eq=False)
-class _Job:
+class _Group:
     """Channels that share a bank, in units of what each moves."""
 
     channels: list[RigChannel]
-    values: Array
-    smooth: Array
+    dense: Job
     unit: Array
     base: Array
-    barred: NDArray[np.bool_]
     locked: list[dict[int, Key]] = field(default_factory=list)
 
 
@@ -188,7 +186,9 @@ def _check_locked(
                 )
 
 
-def _job(take: Take, channels: list[RigChannel], locked: Mapping[str, Sequence[Key]]) -> _Job:
+def _prepare(
+    take: Take, channels: list[RigChannel], locked: Mapping[str, Sequence[Key]], fidelity: float
+) -> _Group:
     values = np.stack([take.channel(c.name) for c in channels])
     moved = np.ptp(values, axis=1)
     ranges = np.array([c.range for c in channels])
@@ -196,6 +196,12 @@ def _job(take: Take, channels: list[RigChannel], locked: Mapping[str, Sequence[K
     base = values.min(axis=1)
     relative = (values - base[:, None]) / unit[:, None]
     smooth = smoothed(relative, take.fps)
+    weight = np.stack(
+        [
+            reliability(s, measure_noise(v, s, take.fps), fidelity)
+            for v, s in zip(relative, smooth, strict=True)
+        ]
+    )
     barred = np.zeros(values.shape, dtype=bool)
     pinned: list[dict[int, Key]] = []
     for row, channel in enumerate(channels):
@@ -207,15 +213,7 @@ def _job(take: Take, channels: list[RigChannel], locked: Mapping[str, Sequence[K
             smooth[row, frame] = (key.value - base[row]) / unit[row]
             barred[row, frame] = True
         pinned.append(frames)
-    return _Job(channels, relative, smooth, unit, base, barred, pinned)
-
-
-def smoothed(values: Array, fps: float) -> Array:
-    """Quadratic Savitzky-Golay over about a tenth of a second: extrema stay, noise halves."""
-    window = 2 * max(2, round(0.055 * fps)) + 1
-    if values.shape[-1] < window:
-        return values.copy()
-    return np.asarray(savgol_filter(values, window, 2, axis=-1), dtype=np.float64)
+    return _Group(channels, Job(relative, smooth, weight, barred), unit, base, pinned)
 
 
 def _group(
@@ -226,16 +224,14 @@ def _group(
     settings: MatchSettings,
     locked: Mapping[str, Sequence[Key]],
 ) -> dict[str, ChannelResult]:
-    job = _job(take, channels, locked)
+    job = _prepare(take, channels, locked, settings.fidelity)
     prices = CoverSettings(
         fidelity=settings.fidelity, key_cost=settings.key_cost, phrases=settings.phrases
     )
     place = cover if settings.placement == "optimal" else greedy_cover
-    placed = place(
-        job.values, job.smooth, take.fps, bank, settings.method, prices, settings.screen, job.barred
-    )
+    placed = place(job.dense, take.fps, bank, settings.method, prices, settings.screen)
     last = len(take.time) - 1
-    for row in np.flatnonzero(np.ptp(job.values, axis=1) < 1e-9):
+    for row in np.flatnonzero(np.ptp(job.dense.values, axis=1) < 1e-9):
         if not job.locked[row]:  # a channel at rest is one hold, however long
             placed[row] = [Placed(0, last, 0)]
     return {
@@ -246,7 +242,7 @@ def _group(
 
 def _channel(
     take: Take,
-    job: _Job,
+    job: _Group,
     row: int,
     placed: list[Placed],
     bank: Bank,
@@ -260,8 +256,8 @@ def _channel(
         )
         for frame, key in job.locked[row].items()
     }
-    draft, piece_of = assemble(placed, bank, job.smooth[row], pinned, settings.method)
-    table = fit(draft, job.values[row], settings.fidelity)
+    draft, piece_of = assemble(placed, bank, job.dense.smooth[row], pinned, settings.method)
+    table = fit(draft, job.dense.values[row], settings.fidelity, job.dense.weight[row])
     lower, upper = (channel.lower - base) / unit, (channel.upper - base) / unit
     table = within_range(table, draft.join & ~draft.held, draft.held, lower, upper)
     pieces = explain(
@@ -270,8 +266,8 @@ def _channel(
         piece_of,
         bank,
         library,
-        job.values[row],
-        job.smooth[row],
+        job.dense.values[row],
+        job.dense.smooth[row],
         take.fps,
         take.time[0],
         settings.method,
@@ -279,7 +275,7 @@ def _channel(
         settings.low_margin,
     )
     unitless = Curve.from_table(table)
-    error = unitless.evaluate(np.arange(len(take.time), dtype=np.float64)) - job.values[row]
+    error = unitless.evaluate(np.arange(len(take.time), dtype=np.float64)) - job.dense.values[row]
     scaled = table * np.array([1.0 / take.fps, unit] * 3)
     scaled[:, 0] += take.time[0]
     scaled[:, 1] += base

@@ -93,6 +93,53 @@ def extremum_timing(result: Array, capture: Array, least: float) -> float:
 
 
 @dataclass(frozen=True)
+class Timing:
+    """Turning points of a capture in a result: frames off where found (mean), share not found."""
+
+    frames: float
+    missed: float
+    count: int
+
+
+def turning_points(values: Array, least: float) -> NDArray[np.intp]:
+    """(K, 3): first and last frame of every turning point, and +1 for a maximum, -1 for a minimum.
+
+    A plateau has no single extreme frame: all frames about it that lie within a tenth of ``least``
+    of its value belong to it.
+    """
+    peaks = extrema(values, least)
+    rows = []
+    for k, peak in enumerate(peaks.tolist()):
+        other = peaks[k - 1] if k else peaks[k + 1] if len(peaks) > 1 else 0
+        kind = 1 if values[peak] >= values[other] else -1
+        away = np.flatnonzero(np.abs(values - values[peak]) > 0.1 * least)
+        before, after = away[away < peak], away[away > peak]
+        first = int(before[-1]) + 1 if len(before) else 0
+        rows.append((first, int(after[0]) - 1 if len(after) else len(values) - 1, kind))
+    return np.array(rows, dtype=np.intp).reshape(-1, 3)
+
+
+def turning_point_timing(result: Array, capture: Array, least: float) -> Timing:
+    """How far a result's turning points lie from the capture's, plateaus taken as a whole.
+
+    One counts as found if the result turns the same way between the capture's neighbouring turning
+    points; its distance is the gap between the two plateaus, 0 where they overlap.
+    """
+    wanted, got = turning_points(capture, least), turning_points(result, 0.5 * least)
+    apart = []
+    for k, (first, last, kind) in enumerate(wanted.tolist()):
+        low = wanted[k - 1, 1] if k else 0
+        high = wanted[k + 1, 0] if k + 1 < len(wanted) else len(capture)
+        same = got[(got[:, 2] == kind) & (got[:, 1] >= low) & (got[:, 0] <= high)]
+        if len(same):
+            gap = np.maximum(np.maximum(same[:, 0] - last, first - same[:, 1]), 0)
+            apart.append(int(gap.min()))
+    count = len(wanted)
+    missed = 1.0 - len(apart) / count if count else 0.0
+    return Timing(float(np.mean(apart)) if apart else float("nan"), missed, count)
+
+
+@dataclass(frozen=True)
 class Style:
     """How keys are set: spacing, tangent lengths (of the span), flat and held shares."""
 

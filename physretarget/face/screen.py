@@ -33,25 +33,49 @@ class ScreenSettings:
     amplitude: tuple[float, float] = (0.2, 5.0)
     word: int = 8
     alphabet: int = 8
-    slope: float = 0.5
-    curvature: float = 0.25
+    slope: float = 0.25
+    curvature: float = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Windows:
+    """Channels laid end to end (M,), in units of what each moves.
+
+    values: the capture. smooth: the same without noise; windows start and end on it.
+    weight: how much a frame counts (1: fully). pace (M, 2): the channel's spread of values over
+    its spread of slopes (frames) and of curvatures (frames squared).
+    """
+
+    values: Array32
+    smooth: Array32
+    weight: Array32
+    pace: Array32
+
+    @classmethod
+    def of(cls, values: Array, smooth: Array, weight: Array) -> Windows:
+        """Channels (C, M) end to end, in single precision."""
+        spread = smooth.std(axis=1)
+        pace = np.empty((*smooth.shape, 2))
+        for order in (1, 2):
+            steep = np.diff(smooth, n=order, axis=1).std(axis=1) if smooth.shape[1] > 3 else spread
+            pace[:, :, order - 1] = (spread / np.maximum(steep, 1e-3 * spread + 1e-9))[:, None]
+        flat = [a.astype(np.float32).ravel() for a in (values, smooth, weight)]
+        return cls(flat[0], flat[1], flat[2], pace.astype(np.float32).reshape(-1, 2))
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """(R, S) mean squared residual of R windows under S templates, and the amplitudes taken.
+    """(R, S) R windows under S templates, per frame.
 
-    squared: residual of the values; score: what the method ranks by (the same for distance).
+    squared: weighted squared residual of the values. cost: what the method ranks and pays by.
     """
 
     squared: Array32
-    score: Array32
-    gain: Array32
+    cost: Array32
 
 
 def fit_windows(
-    capture: Array32,
-    smooth: Array32,
+    capture: Windows,
     starts: NDArray[np.intp],
     n: int,
     shapes: Array32,
@@ -59,49 +83,54 @@ def fit_windows(
     settings: ScreenSettings,
     amplitudes: tuple[Array32, Array32] | None = None,
 ) -> Fit:
-    """Fit shapes (S, n+1) to windows of n+1 frames; amplitudes bounds (S,) mark phrases.
-
-    capture (M,) in units of the channel's range, smooth (M,) the same without noise: windows
-    start and end on the smooth values, the residual is taken against the capture.
-    """
+    """Fit shapes (S, n+1) to windows of n+1 frames; amplitudes bounds (S,) mark phrases."""
     ramp = np.linspace(0.0, 1.0, n + 1, dtype=np.float32)
-    first, last = smooth[starts], smooth[starts + n]
-    rise = last - first
-    level: Array32 = windows(capture, n + 1)[starts] - first[:, None]
-    gain: NDArray[np.float32]
-    if amplitudes is None:
-        gain = np.broadcast_to(rise[:, None], (len(starts), len(shapes)))
-        cross = level @ shapes.T
-        energy = np.einsum("rn,rn->r", level, level)[:, None]
-        residual = energy - 2 * rise[:, None] * cross
-        residual += rise[:, None] ** 2 * np.einsum("sn,sn->s", shapes, shapes)[None]
-    else:
-        bent = shapes - shapes[:, -1:] * ramp
-        level = (level - rise[:, None] * ramp).astype(np.float32)
-        power = np.maximum(np.einsum("sn,sn->s", bent, bent), 1e-12)[None]
-        cross = level @ bent.T
-        gain = np.asarray(np.clip(cross / power, amplitudes[0], amplitudes[1]), np.float32)
-        energy = np.einsum("rn,rn->r", level, level)[:, None]
-        residual = energy - 2 * gain * cross + gain * gain * power
-    squared = np.maximum(residual, 0.0) / np.float32(n + 1)
+    first, last = capture.smooth[starts], capture.smooth[starts + n]
+    rise = (last - first)[:, None]
+    level: Array32 = windows(capture.values, n + 1)[starts] - first[:, None]
+    weight = windows(capture.weight, n + 1)[starts]
+    gain: NDArray[np.float32] = rise
+    base = shapes
+    if amplitudes is not None:
+        base = shapes - shapes[:, -1:] * ramp
+        level = (level - rise * ramp).astype(np.float32)
+        power = np.maximum(weight @ (base * base).T, 1e-12)
+        gain = np.asarray((weight * level) @ base.T / power, np.float32)
+        gain = np.clip(gain, amplitudes[0], amplitudes[1])
+    squared = _squared(level, base, gain, weight)
     if method == "distance":
-        score = squared
-    elif method == "sax":
-        score = _sax_score(level, shapes if amplitudes is None else bent, rise, squared, settings)
+        return Fit(squared, squared)
+    if method == "sax":
+        return Fit(squared, squared + _sax_part(level, base, rise, settings))
+    return Fit(
+        squared,
+        squared
+        + _hmm_part(capture, starts, n, base, gain, rise, weight, settings, amplitudes is not None),
+    )
+
+
+def _squared(target: Array32, shapes: Array32, gain: Array32, weight: Array32) -> Array32:
+    """(R, S) weighted mean of (target - gain shape) squared."""
+    heavy = weight * target
+    energy = np.einsum("rn,rn->r", heavy, target)[:, None]
+    if gain.shape[1] == 1:  # one matrix product instead of four passes over its result
+        left = np.concatenate([heavy * (-2 * gain), weight * gain**2, energy], axis=1)
+        one = np.ones((len(shapes), 1), dtype=np.float32)
+        total = left @ np.concatenate([shapes, shapes * shapes, one], axis=1).T
     else:
-        score = _hmm_score(
-            smooth, starts, n, shapes, gain, rise, squared, settings, amplitudes is not None
-        )
-    return Fit(squared, score, gain)
+        total = energy - 2 * gain * (heavy @ shapes.T) + gain * gain * (weight @ (shapes**2).T)
+    result: Array32 = np.maximum(total, 0.0) / np.float32(target.shape[1])
+    return result
 
 
-def _sax_score(
-    level: Array32, shapes: Array32, rise: Array32, squared: Array32, settings: ScreenSettings
-) -> Array32:
-    """Distance where the words are as alike as any template's; elsewhere far behind."""
+def _sax_part(level: Array32, shapes: Array32, rise: Array32, settings: ScreenSettings) -> Array32:
+    """MINDIST in units of the channel, squared per frame; templates behind the best are barred.
+
+    Ties, which words have many of, are thereby left to the distance.
+    """
     n = level.shape[1]
     word = min(settings.word, n)
-    sign = np.where(rise < 0, -1.0, 1.0).astype(np.float32)[:, None]
+    sign = np.where(rise < 0, -1.0, 1.0).astype(np.float32)
     spans = shapes[0, -1] > 0.5  # phrases have had their ramp taken off and keep their direction
     one = sax.quick_words(level * sign if spans else level, word, settings.alphabet)
     two = sax.quick_words(shapes, word, settings.alphabet)
@@ -109,43 +138,42 @@ def _sax_score(
     code = one.astype(np.int64) @ (settings.alphabet ** np.arange(word, dtype=np.int64))
     _, first, which = np.unique(code, return_index=True, return_inverse=True)
     distance = sax.mindist(one[first], two, n, settings.alphabet)
-    behind = distance > distance.min(axis=1, keepdims=True) + 1e-9
-    penalty = np.where(behind, np.float32(1e3), np.float32(0.0))
-    score: Array32 = squared + penalty[which.ravel()]
-    return score
+    least = distance.min(axis=1, keepdims=True)
+    barred = np.where(distance > least + 1e-9, np.float32(1e3), np.float32(0.0))
+    per_frame = (least**2 / n).astype(np.float32)
+    which = which.ravel()
+    part: Array32 = barred[which] + level.var(axis=1)[:, None] * per_frame[which]
+    return part
 
 
-def _hmm_score(
-    smooth: Array32,
+def _hmm_part(
+    capture: Windows,
     starts: NDArray[np.intp],
     n: int,
     shapes: Array32,
     gain: Array32,
     rise: Array32,
-    squared: Array32,
+    weight: Array32,
     settings: ScreenSettings,
     phrases: bool,
 ) -> Array32:
-    """Squared emission of the even alignment: value, slope and curvature of the fitted shape.
+    """Squared emission of slope and curvature under the even alignment.
 
-    It bounds the squared Viterbi cost from above, since the even alignment is a path.
+    With the values' part it bounds the squared Viterbi cost from above: the even alignment is a
+    path.
     """
     if n < 3:
-        return squared
-    ramp = np.linspace(0.0, 1.0, n + 1, dtype=np.float32)
-    view = windows(smooth, n + 1)[starts]
-    base = shapes - shapes[:, -1:] * ramp if phrases else shapes
-    total = squared.copy()
-    for order, weight in ((1, settings.slope / 1.5), (2, settings.curvature / 6.0)):
-        scale = np.float32(weight * float(n) ** order)
-        target = np.diff(view, n=order, axis=1) * scale
+        return np.zeros((len(starts), len(shapes)), dtype=np.float32)
+    view = windows(capture.smooth, n + 1)[starts]
+    total = np.zeros((len(starts), len(shapes)), dtype=np.float32)
+    for order, share in ((1, settings.slope), (2, settings.curvature)):
+        scale: Array32 = np.float32(share) * capture.pace[starts, order - 1][:, None]
+        target = np.diff(view, n=order, axis=1).astype(np.float32)
         if phrases and order == 1:
-            target = target - (rise / n * scale)[:, None]
-        model = np.diff(base, n=order, axis=1) * scale
-        power = np.einsum("rn,rn->r", target, target)[:, None]
-        own = np.einsum("sn,sn->s", model, model)[None]
-        part = power - 2 * gain * (target @ model.T) + gain * gain * own
-        total += np.maximum(part, 0.0) / np.float32(n + 1 - order)
+            target -= rise / n
+        model = np.diff(shapes, n=order, axis=1)
+        inner = weight[:, order // 2 : n + 1 - (order + 1) // 2]
+        total += _squared(target * scale, model, gain * scale, inner)
     return total
 
 

@@ -34,10 +34,11 @@ class Draft:
     spread: Array
 
 
-def fit(draft: Draft, values: Array, noise: float) -> Array:
+def fit(draft: Draft, values: Array, noise: float, weight: Array | None = None) -> Array:
     """Key table (K, 6) whose curve is closest to values (M,) on frames 0 to M-1.
 
     noise: expected deviation of a frame, in units of the range; smaller follows the capture more.
+    weight: (M,) how much each frame counts; all alike by default.
     """
     table = draft.table.copy()
     frames = np.arange(len(values), dtype=np.float64)
@@ -58,12 +59,14 @@ def fit(draft: Draft, values: Array, noise: float) -> Array:
     fixed = np.where(draft.join[left], 0.0, basis[:, 1] * table[left, 5])
     fixed += np.where(draft.join[left + 1], 0.0, basis[:, 2] * table[left + 1, 3])
     rest = values - fixed
+    counts = np.ones(len(values)) if weight is None else weight
+    heavy = weights * counts[:, None]
     band = np.zeros((4, 2 * count))
     right = np.zeros(2 * count)
     for a in range(4):
-        np.add.at(right, columns[:, a], weights[:, a] * rest)
+        np.add.at(right, columns[:, a], heavy[:, a] * rest)
         for b in range(a, 4):
-            np.add.at(band[3 - (b - a)], columns[:, b], weights[:, a] * weights[:, b])
+            np.add.at(band[3 - (b - a)], columns[:, b], heavy[:, a] * weights[:, b])
     _priors(draft, band, right, noise)
     solved = solveh_banded(band, right).reshape(count, 2)
     table[:, 1] = np.where(draft.held, table[:, 1], solved[:, 0])
