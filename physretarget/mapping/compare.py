@@ -64,6 +64,7 @@ def leave_out(
 def _error(mapper: Mapper, y: NDArray[np.float64], z: NDArray[np.float64]) -> tuple[float, float]:
     mapped = mapper.predict(y[None])
     miss = mapped.mean[0] - z
-    variance = float(mapped.variance[0])
-    inside = float(np.mean(np.abs(miss) <= 2.0 * np.sqrt(variance))) if variance > 0 else np.nan
+    variance = mapped.coordinate_variance[0]
+    known = np.isfinite(variance).all()
+    inside = float(np.mean(np.abs(miss) <= 2.0 * np.sqrt(variance))) if known else np.nan
     return float(np.sqrt(np.mean(miss**2))), inside

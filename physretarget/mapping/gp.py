@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from physretarget.mapping.calibration import Calibration, calibrate
 from physretarget.mapping.kernels import Kernel, gram_gradient, squared_distances
 from physretarget.mapping.protocol import (
     Array,
@@ -35,18 +37,29 @@ class GaussianProcess:
     space_z: Space
     keys_y: Array
     keys_z: Array
+    calibration: Calibration
     name: str = "gp"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "_posterior", Posterior.of(self.kernel, self.keys_y, self.keys_z))
 
+    @property
+    def posterior(self) -> Posterior:
+        """Normal actor features → normal character features, the variance not calibrated."""
+        posterior: Posterior = self._posterior  # type: ignore[attr-defined]
+        return posterior
+
     @one_thread
     def predict(self, y: Array) -> Mapped:
         """Map frames y (T, DY), each on its own."""
         frames = self.space_y.normal(checked_frames(y, self.space_y.centre.size))
-        posterior: Posterior = self._posterior  # type: ignore[attr-defined]
-        mean, variance = posterior.at(frames)
-        return Mapped(self.space_z.natural(mean), variance * self.space_z.scale**2)
+        mean, variance = self.posterior.at(frames)
+        scale = self.calibration.factor * self.space_z.scale**2
+        return Mapped(self.space_z.natural(mean), variance * scale, share=self.calibration.share)
+
+    def knowing(self, keep: NDArray[np.bool_]) -> GaussianProcess:
+        """The same kernel on a part (N,) of the key poses."""
+        return replace(self, keys_y=self.keys_y[keep], keys_z=self.keys_z[keep])
 
     def to_arrays(self) -> Arrays:
         """Plain arrays; see :func:`physretarget.mapping.from_arrays`."""
@@ -58,6 +71,8 @@ class GaussianProcess:
             "scales": np.array([self.space_y.scale, self.space_z.scale]),
             "keys_y": self.keys_y,
             "keys_z": self.keys_z,
+            "factor": np.array(self.calibration.factor),
+            "share": self.calibration.share,
         }
 
     @classmethod
@@ -70,6 +85,7 @@ class GaussianProcess:
             space_z=Space(a["centre_z"], float(a["scales"][1])),
             keys_y=a["keys_y"],
             keys_z=a["keys_z"],
+            calibration=Calibration(float(a["factor"]), a["share"]),
         )
 
 
@@ -81,7 +97,7 @@ def marginal(logs: Array, squared: Array, scatter: Array, width: int) -> tuple[f
 
 
 @one_thread
-def fit_gp(y: Array, z: Array) -> GaussianProcess:
+def fit_gp(y: Array, z: Array, *, calibrated: bool = True) -> GaussianProcess:
     """Fit the four kernel parameters to key poses y (N, DY), z (N, DZ) by their likelihood."""
     y, z = checked_pairs(y, z)
     space_y, space_z = Space.of(y), Space.of(z)
@@ -103,4 +119,12 @@ def fit_gp(y: Array, z: Array) -> GaussianProcess:
         if best is None or found.fun < best.fun:
             best = found
     assert best is not None
-    return GaussianProcess(Kernel.from_logs(best.x), space_y, space_z, keys_y, keys_z)
+    none = Calibration.none(keys_z.shape[1])
+    mapper = GaussianProcess(Kernel.from_logs(best.x), space_y, space_z, keys_y, keys_z, none)
+    if not calibrated:
+        return mapper
+
+    def left_out(keep: NDArray[np.bool_], frames: Array) -> tuple[Array, Array]:
+        return mapper.knowing(keep).posterior.at(frames)
+
+    return replace(mapper, calibration=calibrate(left_out, keys_y, keys_z))

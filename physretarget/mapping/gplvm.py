@@ -6,11 +6,13 @@ points X, one kernel each.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from physretarget.mapping.calibration import Calibration, calibrate
 from physretarget.mapping.gp import GaussianProcess, fit_gp
 from physretarget.mapping.kcca import initial_latent
 from physretarget.mapping.kernels import (
@@ -92,6 +94,7 @@ class SharedGPLVM:
     keys_y: Array
     keys_z: Array
     guide: GaussianProcess
+    calibration: Calibration
     search: SearchSettings = field(default_factory=SearchSettings)
     name: str = "sgplvm"
 
@@ -121,16 +124,40 @@ class SharedGPLVM:
         and all at once agree; the paper's search wants them in order of time.
         """
         frames = self.space_y.normal(checked_frames(y, self.space_y.centre.size))
-        if self.search.guide == 0:
-            return self.decode(locate_as_paper(self.actor, self.keys_y, frames, self.search))
-        led = self.guide.predict(frames)
-        prior = Prior(led.mean, self.search.guide / np.maximum(led.variance, 1e-12))
-        return self.decode(locate(self.actor, frames, led.mean, prior, self.search))
+        return self.decode(*self.located(frames))
 
-    def decode(self, latent: Array) -> Mapped:
-        """Character features at latent points (T, DX)."""
+    def located(self, frames: Array) -> tuple[Array, Array]:
+        """Latent points (T, DX) of normal frames (T, DY), and how unsure each coordinate is (T,).
+
+        The guide's variance stands for the latter: the likelihood of a frame that is like no key
+        pose is as sharp as that of any other, about a wrong point.
+        """
+        led = self.guide.predict(frames)
+        if self.search.guide == 0:
+            return locate_as_paper(self.actor, self.keys_y, frames, self.search), led.variance
+        prior = Prior(led.mean, self.search.guide / np.maximum(led.variance, 1e-12))
+        return locate(self.actor, frames, led.mean, prior, self.search), led.variance
+
+    def decode(self, latent: Array, doubt: Array | float = 0.0) -> Mapped:
+        """Character features at latent points (T, DX) known but for a variance ``doubt`` (T,)."""
         mean, variance = self.character.at(latent)
-        return Mapped(self.space_z.natural(mean), variance * self.space_z.scale**2, latent)
+        variance = variance + doubt * self.character.slope(latent)
+        return Mapped(
+            self.space_z.natural(mean),
+            variance * self.calibration.factor * self.space_z.scale**2,
+            latent,
+            self.calibration.share,
+        )
+
+    def knowing(self, keep: NDArray[np.bool_]) -> SharedGPLVM:
+        """The same kernels and latent points, a part (N,) of the key poses."""
+        return replace(
+            self,
+            latent=self.latent[keep],
+            keys_y=self.keys_y[keep],
+            keys_z=self.keys_z[keep],
+            guide=self.guide.knowing(keep),
+        )
 
     def to_arrays(self) -> Arrays:
         """Plain arrays; see :func:`physretarget.mapping.from_arrays`."""
@@ -144,6 +171,8 @@ class SharedGPLVM:
             "scales": np.array([self.space_y.scale, self.space_z.scale]),
             "keys_y": self.keys_y,
             "keys_z": self.keys_z,
+            "factor": np.array(self.calibration.factor),
+            "share": self.calibration.share,
             "guide": np.array(self.search.guide),
             **{f"guide_{k}": v for k, v in self.guide.to_arrays().items()},
         }
@@ -163,13 +192,20 @@ class SharedGPLVM:
             keys_y=a["keys_y"],
             keys_z=a["keys_z"],
             guide=GaussianProcess.from_arrays(dict(guide)),
+            calibration=Calibration(float(a["factor"]), a["share"]),
             search=SearchSettings(guide=float(a["guide"])),
         )
 
 
 @one_thread
 def fit_gplvm(
-    y: Array, z: Array, *, dims: int = 30, iterations: int = 70, seed: int = 0
+    y: Array,
+    z: Array,
+    *,
+    dims: int = 30,
+    iterations: int = 70,
+    seed: int = 0,
+    calibrated: bool = True,
 ) -> SharedGPLVM:
     """Learn from key poses y (N, DY) and z (N, DZ).
 
@@ -194,7 +230,7 @@ def fit_gplvm(
         options={"maxiter": iterations, "maxfun": 2 * iterations, "maxcor": 20, "ftol": 1e-7},
     )
     latent = found.x[8:].reshape(start.shape)
-    return SharedGPLVM(
+    model = SharedGPLVM(
         latent=latent,
         kernel_y=Kernel.from_logs(found.x[:4]),
         kernel_z=Kernel.from_logs(found.x[4:8]),
@@ -202,5 +238,16 @@ def fit_gplvm(
         space_z=space_z,
         keys_y=keys_y,
         keys_z=keys_z,
-        guide=fit_gp(keys_y, latent),
+        guide=fit_gp(keys_y, latent, calibrated=False),
+        calibration=Calibration.none(keys_z.shape[1]),
     )
+    if not calibrated:
+        return model
+
+    def left_out(keep: NDArray[np.bool_], frames: Array) -> tuple[Array, Array]:
+        part = model.knowing(keep)
+        x, doubt = part.located(frames)
+        mean, variance = part.character.at(x)
+        return mean, variance + doubt * part.character.slope(x)
+
+    return replace(model, calibration=calibrate(left_out, keys_y, keys_z))

@@ -18,13 +18,22 @@ Arrays = dict[str, NDArray[np.generic]]
 class Mapped:
     """Character features predicted from actor features.
 
-    ``mean`` (T, DZ) in the units of the key poses (metres). ``variance`` (T,) of each
-    coordinate of ``mean``, m²; NaN where the mapper knows none. ``latent`` (T, DX) or None.
+    ``mean`` (T, DZ) in the units of the key poses (metres). ``variance`` (T,) of a coordinate of
+    ``mean`` on average, m²; NaN where the mapper knows none. ``latent`` (T, DX) or None.
+    ``share`` (DZ,): the variance of each coordinate over that average; None means one.
     """
 
     mean: Array
     variance: Array
     latent: Array | None = None
+    share: Array | None = None
+
+    @property
+    def coordinate_variance(self) -> Array:
+        """Variance of each coordinate (T, DZ), m²."""
+        share = np.ones(self.mean.shape[1]) if self.share is None else self.share
+        result: Array = self.variance[:, None] * share
+        return result
 
 
 class Mapper(Protocol):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +38,32 @@ class Posterior:
         explained = np.einsum("tn,tn->t", k @ self.inverse, k)
         floor = self.kernel.noise
         return k @ self.weights, np.maximum(self.kernel.prior_variance - explained, floor)
+
+    @cached_property
+    def scatter(self) -> Array:
+        """``K⁻¹ O Oᵀ K⁻¹`` (N, N)."""
+        return np.asarray(self.weights @ self.weights.T)
+
+    @cached_property
+    def _moment(self) -> Array:
+        return np.asarray(self.scatter * (self.inputs @ self.inputs.T))
+
+    def slope(self, x: Array) -> Array:
+        """Mean square (T,) of the mean's derivative, summed over the directions of x (T, DX).
+
+        ``1/D Σ_cd (∂mean_d/∂x_c)²``: by how much an uncertain input, of unit variance in every
+        direction, makes a coordinate of the mean uncertain.
+        """
+        kernel, inputs = self.kernel, self.inputs
+        pull = kernel.sharpness * kernel.bump(squared_distances(x, inputs))
+        along = pull * (x @ inputs.T)
+        spread = pull @ self.scatter
+        # Σ_nm p_n p_m S_nm (x_n - x)·(x_m - x), the product multiplied out
+        square = np.einsum("tn,tn->t", pull @ self._moment, pull)
+        square -= 2.0 * np.einsum("tn,tn->t", along, spread)
+        square += np.sum(x**2, axis=1) * np.einsum("tn,tn->t", pull, spread)
+        result: Array = np.maximum(square, 0.0) / self.weights.shape[1]
+        return result
 
 
 def inverse_and_logdet(gram: Array) -> tuple[Array, float]:

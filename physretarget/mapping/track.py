@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from physretarget.mapping.gplvm import SharedGPLVM
 from physretarget.mapping.protocol import Mapped, Mapper, checked_frames
-from physretarget.mapping.regression import Posterior
 
 __all__ = ["Tracker", "track"]
 
@@ -57,9 +56,8 @@ class _LatentTracker:
     def __init__(self, model: SharedGPLVM) -> None:
         self.model = model
         self.weights = model.actor.weights
-        self.gram = self.weights @ self.weights.T  # (N, N): misses without the features
-        guide: Posterior = model.guide._posterior  # type: ignore[attr-defined]
-        self.guide = guide
+        self.gram = model.actor.scatter  # (N, N): misses without the features
+        self.guide = model.guide.posterior
         self.x: Array | None = None
         self.led: Array | None = None
 
@@ -75,7 +73,7 @@ class _LatentTracker:
             before = problem.at(self.x + (led - self.led))
             at = before if before.value < at.value else at
         self.x, self.led = problem.descended(at), led
-        return model.decode(self.x[None])
+        return model.decode(self.x[None], variance)
 
     def _led(self, frame: Array) -> tuple[Array, float]:
         guide = self.model.guide

@@ -13,14 +13,15 @@ from physretarget.mapping.threads import one_thread
 
 Array = NDArray[np.float64]
 Learn = Callable[[Array, Array], Mapper]
-LEVELS = {"1σ": 1.0, "2σ": 2.0, "3σ": 3.0}
+LEVELS = {50: 0.67449, 80: 1.28155, 95: 1.95996}
+"""Percent of a normal law → its half width in standard deviations."""
 
 
 @dataclass(frozen=True, eq=False)
 class Unseen:
     """Each key pose as mapped by a mapper that learned all groups but its own.
 
-    ``mean`` (N, DZ) m, ``variance`` (N,) m² of each coordinate, NaN where none is known.
+    ``mean`` (N, DZ) m, ``variance`` (N, DZ) m² of each coordinate, NaN where none is known.
     """
 
     mean: Array
@@ -34,31 +35,23 @@ class Unseen:
 
     def inside(self, sigmas: float) -> float | None:
         """Share of coordinates within so many predicted standard deviations."""
-        known = np.isfinite(self.variance)
+        known = np.isfinite(self.variance).all(axis=1)
         if not known.any():
             return None
         miss = np.abs(self.mean - self.truth)[known]
-        return float(np.mean(miss <= sigmas * np.sqrt(self.variance[known])[:, None]))
-
-    def true_sigmas(self) -> float | None:
-        """Factor on the predicted standard deviation that would hold 95 % of the truth."""
-        known = np.isfinite(self.variance)
-        if not known.any():
-            return None
-        miss = np.abs(self.mean - self.truth)[known] / np.sqrt(self.variance[known])[:, None]
-        return float(np.quantile(miss, 0.95) / 1.96)
+        return float(np.mean(miss <= sigmas * np.sqrt(self.variance[known])))
 
 
 def unseen(learn: Learn, y: Array, z: Array, groups: Sequence[object]) -> Unseen:
     """Learn once per group without it, and map it."""
-    mean, variance = np.zeros_like(z), np.full(len(z), np.nan)
+    mean, variance = np.zeros_like(z), np.full_like(z, np.nan)
     for group in dict.fromkeys(groups):
         out = np.array([each == group for each in groups])
         mapper = learn(y[~out], z[~out])
         # One by one: key poses are no motion, and none may lean on the one before it.
         for i in np.flatnonzero(out):
             mapped = mapper.predict(y[i : i + 1])
-            mean[i], variance[i] = mapped.mean[0], mapped.variance[0]
+            mean[i], variance[i] = mapped.mean[0], mapped.coordinate_variance[0]
     return Unseen(mean, variance, z)
 
 

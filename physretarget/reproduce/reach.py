@@ -24,7 +24,7 @@ def reach(own: Subject, which: str, removed: NDArray[np.bool_]) -> dict[str, Any
     highest posed, both above the lowest posed. Head directions in degrees.
     """
     character = own.character
-    mapper = mapping.fit(which, own.y[~removed], own.z[~removed])
+    mapper = mapping.fit(which, own.y[~removed], own.z[~removed], calibrated=False)
     mapped = np.concatenate([mapper.predict(y[None]).mean for y in own.y[removed]])
     kept = np.array([pose.qpos for pose in own.keyposes.poses])
     start = kept[~removed][_nearest(own.y[removed], own.y[~removed])]

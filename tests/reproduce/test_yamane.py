@@ -15,7 +15,14 @@ from physretarget.errors import InputError
 from physretarget.keyposes import load_keyposes, save
 from physretarget.mjcf import Character
 from physretarget.reproduce.explain import _WHY, explain
-from physretarget.reproduce.holdout import Unseen, jerk_rms, largest_step, marker_rms, unseen
+from physretarget.reproduce.holdout import (
+    LEVELS,
+    Unseen,
+    jerk_rms,
+    largest_step,
+    marker_rms,
+    unseen,
+)
 from physretarget.reproduce.plan import PAPER_TABLE_1, keypose_files, make_plan
 from physretarget.reproduce.store import key_of, load
 from physretarget.reproduce.store import save as keep
@@ -67,12 +74,12 @@ def test_calibration_of_a_known_law() -> None:
     rng = np.random.default_rng(1)
     sigma = rng.uniform(0.5, 2.0, size=400)
     truth = rng.normal(size=(400, 30)) * sigma[:, None]
-    honest = Unseen(np.zeros_like(truth), sigma**2, truth)
-    assert honest.inside(1.0) == pytest.approx(0.683, abs=0.01)
-    assert honest.inside(2.0) == pytest.approx(0.954, abs=0.01)
-    assert honest.true_sigmas() == pytest.approx(1.0, abs=0.03)
-    proud = Unseen(np.zeros_like(truth), (sigma / 4) ** 2, truth)
-    assert proud.true_sigmas() == pytest.approx(4.0, abs=0.1)
+    variance = np.repeat(sigma[:, None] ** 2, 30, axis=1)
+    honest = Unseen(np.zeros_like(truth), variance, truth)
+    for percent, sigmas in LEVELS.items():
+        assert honest.inside(sigmas) == pytest.approx(percent / 100, abs=0.015)
+    proud = Unseen(np.zeros_like(truth), variance / 16, truth)
+    assert proud.inside(LEVELS[95]) == pytest.approx(0.376, abs=0.02)
 
 
 def test_errors_and_smoothness_of_known_tracks() -> None:
