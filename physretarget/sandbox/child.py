@@ -35,7 +35,10 @@ Progress = Callable[[float, str], None]
 Cancelled = Callable[[], bool]
 
 TASKS = frozenset(
-    {f"physretarget.service.tasks:{name}" for name in ("validate", "retarget", "check_model")}
+    {
+        f"physretarget.service.tasks:{name}"
+        for name in ("validate", "retarget", "check_model", "check_clip")
+    }
     | {
         f"physretarget.sandbox.trials:{name}"
         for name in ("nothing", "reach", "read", "hold", "burn", "wait", "fill", "fail", "flood")
