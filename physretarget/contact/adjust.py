@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,19 +13,23 @@ from physretarget.contact.clearance import above_floor
 from physretarget.contact.flight import grounded, throw_arc, thrown
 from physretarget.contact.foot import Foot
 from physretarget.contact.phases import Phases, runs
+from physretarget.contact.reach import within_reach
 from physretarget.contact.settings import ContactSettings
-from physretarget.contact.sole import Sole, SoleMotion, make_sole, sole_motion
+from physretarget.contact.sole import Sole, SoleMotion, make_sole, sole_motion, with_underside
 from physretarget.contact.stances import Footing, find_footings
-from physretarget.contact.track import Track, fly, stand
+from physretarget.contact.track import fly, stand
 from physretarget.errors import InputError
 from physretarget.ik import continuous_qpos
 from physretarget.mjcf import Character
+from physretarget.mjcf.surface import solids
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 TOUCHING = 1e-3
 """A point this near to its place on the floor (m) counts as planted, whoever bears the body."""
+UNDER = 0.005
+"""Of a standing foot's underside, this near to the floor (of the height) must not sink."""
 SHORTEST_TOUCH = 0.05
 """Shorter touches of points that bear nothing by the timetable are not reported (s)."""
 
@@ -102,7 +106,7 @@ def adjust(
         return Contacted(qpos.copy(), empty, target, 0.0, 0.0, (), (reason,))
     moved = carried(character, qpos, feet, settings)
     if off_track(character, moved, feet) > 1e-5:
-        moved = followed(character, moved, feet, settings)
+        moved, feet = _reached(character, qpos, moved, time, phases, feet, settings, notes)
     moved = above_floor(character, moved, feet, settings)
     tracks = [foot.track for foot in feet]
     if settings.blend == "ballistic":
@@ -133,7 +137,7 @@ def _feet(
 ) -> tuple[list[Foot], list[str]]:
     """The bodies that stand at some time, with the path that each shall take."""
     standing = kinematics.forward(character.tree, character.reference_qpos[None])
-    found: list[tuple[Sole, SoleMotion, Bools, list[Footing], Track]] = []
+    found: list[Foot] = []
     notes: list[str] = []
     tied = np.array([point is not None for point in character.tied], dtype=bool)
     for body in np.unique(character.contacts.body[tied]):
@@ -149,44 +153,137 @@ def _feet(
             tuple(_side(name) for name in names),
             standing.rotation[0, body],
         )
+        sole = with_underside(sole, solids(character, [int(body)]), UNDER * character.height)
         motion = sole_motion(sole, pose)
-        heading = motion.yaw if len(index) > 1 else np.zeros(len(time))
-        place = np.concatenate([motion.centre[:, :2], heading[:, None]], axis=1)
         swivelling = body == character.root_body and bool(swivels(character))
         limit = settings.swivel if swivelling else settings.pivot
         footings, remarks = find_footings(
-            sole, active, place, time, character.height, limit, settings
+            sole, active, _place(sole, motion), time, character.height, limit, settings
         )
         notes += [f"{character.model.body(int(body)).name}: {remark}" for remark in remarks]
         floor = character.floor_height
         track = stand(sole, motion, footings, active, time, floor, settings)
-        found.append((sole, motion, active, footings, track))
-    tracks = [track for *_, track in found]
+        found.append(Foot(sole, motion, active, footings, track))
+    return _flown(character, found, time, phases, settings), notes
+
+
+def _place(sole: Sole, motion: SoleMotion) -> Floats:
+    """(T, 3) x, y and heading of a sole; a single point has no heading."""
+    heading = motion.yaw if len(sole.local) > 1 else np.zeros(len(motion.yaw))
+    return np.concatenate([motion.centre[:, :2], heading[:, None]], axis=1)
+
+
+def _flown(
+    character: Character,
+    standing: list[Foot],
+    time: Floats,
+    phases: Phases,
+    settings: ContactSettings,
+) -> list[Foot]:
+    """The same feet with their paths between the stances."""
+    tracks = [foot.track for foot in standing]
     if not tracks:
-        return [], notes
+        return []
     borne = grounded(character, phases, tracks)
     arc = throw_arc(borne, tracks, time, character.height, settings)
+    floor, height = character.floor_height, character.height
     return [
-        Foot(
-            sole,
-            motion,
-            active,
-            footings,
-            fly(
-                sole,
-                motion,
-                track,
-                footings,
+        replace(
+            foot,
+            track=fly(
+                foot.sole,
+                foot.motion,
+                foot.track,
+                foot.footings,
                 borne,
                 arc,
                 time,
-                character.floor_height,
-                character.height,
+                floor,
+                height,
                 settings,
             ),
         )
-        for sole, motion, active, footings, track in found
-    ], notes
+        for foot in standing
+    ]
+
+
+def _reached(
+    character: Character,
+    qpos: Floats,
+    moved: Floats,
+    time: Floats,
+    phases: Phases,
+    feet: list[Foot],
+    settings: ContactSettings,
+    notes: list[str],
+) -> tuple[Floats, list[Foot]]:
+    """Poses with the feet on their paths; stances too far apart for the legs become shorter.
+
+    Of the poses ``qpos`` before the adjustment a shortened stance takes its place anew;
+    ``moved`` are those with the root corrected. What was shortened is added to ``notes``.
+    """
+    cut = 0
+    solved = followed(character, moved, feet, settings)
+    for _ in range(settings.releases):
+        pose = kinematics.forward(character.tree, solved)
+        shorter, changed = _shortened(feet, pose, time, settings)
+        if not changed:
+            break
+        cut += changed
+        standing = [
+            _standing(character, foot, footings, time, settings)
+            for foot, footings in zip(feet, shorter, strict=True)
+        ]
+        before, was = feet, moved
+        feet = _flown(character, standing, time, phases, settings)
+        moved = carried(character, qpos, feet, settings)
+        other = np.any(moved != was, axis=1)
+        for new, old in zip(feet, before, strict=True):
+            other |= new.track.differs(old.track)
+        frames = np.flatnonzero(other)  # the others would come out as they are
+        solved[frames] = followed(character, moved[frames], feet, settings, frames=frames)
+    if cut:
+        notes.append(f"{cut} stances were shortened: the legs do not reach from one to the next.")
+    return solved, feet
+
+
+def _shortened(
+    feet: list[Foot], pose: kinematics.Pose, time: Floats, settings: ContactSettings
+) -> tuple[list[list[Footing]], int]:
+    """Stances that the legs reach, and how many changed: ends first, so that feet take turns."""
+    for late in (True, False):
+        shorter = [
+            within_reach(
+                foot,
+                foot.points(pose),
+                _place(foot.sole, foot.motion),
+                time,
+                settings,
+                late=late,
+            )
+            for foot in feet
+        ]
+        changed = sum(
+            len(set(foot.footings) - set(footings))
+            for foot, footings in zip(feet, shorter, strict=True)
+        )
+        if changed:
+            return shorter, changed
+    return shorter, 0
+
+
+def _standing(
+    character: Character,
+    foot: Foot,
+    footings: list[Footing],
+    time: Floats,
+    settings: ContactSettings,
+) -> Foot:
+    """A foot with other stances, not flying yet."""
+    track = stand(
+        foot.sole, foot.motion, footings, foot.active, time, character.floor_height, settings
+    )
+    return replace(foot, footings=footings, track=track)
 
 
 def _side(name: str) -> str:

@@ -174,6 +174,12 @@ def followed(
         bodies = np.full(len(sole.local), sole.body)
         path = foot.track.points(sole)[frames]
         targets.append(PointTargets(bodies, sole.local, path, weight))
+        if len(sole.under):
+            flank = settings.flank_weight / len(sole.under) * weight[:, :1]
+            under = np.full(len(sole.under), sole.body)
+            path = foot.track.undersides(sole)[frames]
+            every = np.broadcast_to(flank, (len(qpos), len(under)))
+            targets.append(PointTargets(under, sole.under, path, every))
     if lifted is not None:
         targets.append(lifted)
     # Joints that the points leave undetermined (the twist of a straight leg) stay put.

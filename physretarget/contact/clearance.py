@@ -20,11 +20,14 @@ from physretarget.mjcf import Character
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 
 DIRECTIONS = 40
 """A body is represented by its farthest points in so many directions."""
 FLOOR_SLACK = 1e-4
 """Carried bodies may be this far below the floor (m) without being lifted."""
+SOLE_SLACK = 2e-3
+"""So may feet (m): a rounded toe that a foot rolls over dips below the point that it stands on."""
 ROUNDS = 4
 """Lifting a body moves its neighbours: so often is looked again."""
 
@@ -37,16 +40,20 @@ def above_floor(
     A body is lifted as a whole by the depth of its lowest point, as far as it is deeper than in
     the reference pose. That moves its neighbours: a few rounds.
     """
-    bodies = np.setdiff1d(character.bodies, [foot.sole.body for foot in feet])
+    exact = [foot.sole.body for foot in feet if foot.sole.two_sided]
+    bodies = np.setdiff1d(character.bodies, exact)
     frames = _near_floor(character, qpos, bodies)
     if not len(frames):
         return qpos
     body, local = surface_points(character, bodies)
-    slack = FLOOR_SLACK + _depth(character, character.reference_qpos[None], body, local)[0]
-    share = np.array([settings.clearance_weight / (body == one).sum() for one in body])
+    standing = np.isin(body, [foot.sole.body for foot in feet])
+    slack = np.where(standing, SOLE_SLACK, FLOOR_SLACK)
+    slack = slack + _depth(character, character.reference_qpos[None], body, local, standing)[0]
+    weight = np.where(standing, settings.stance_weight, settings.clearance_weight)
+    share = weight / np.array([(body == one).sum() for one in body])
     moved = qpos.copy()
     for _ in range(ROUNDS):
-        depth = _depth(character, moved[frames], body, local)
+        depth = _depth(character, moved[frames], body, local, standing)
         low = depth > slack
         frames, depth, low = (each[low.any(axis=1)] for each in (frames, depth, low))
         if not len(frames):
@@ -72,11 +79,14 @@ def _near_floor(character: Character, qpos: Floats, bodies: Ints) -> Ints:
     return np.flatnonzero(low.any(axis=1))
 
 
-def _depth(character: Character, qpos: Floats, body: Ints, local: Floats) -> Floats:
-    """(T, K) for each point how deep the lowest point of its body is below the floor, m."""
+def _depth(character: Character, qpos: Floats, body: Ints, local: Floats, alone: Bools) -> Floats:
+    """(T, K) for each point how deep the lowest point of its body is below the floor, m.
+
+    Points ``alone`` (K,) speak for themselves.
+    """
     where = kinematics.points(kinematics.forward(character.tree, qpos), body, local)
-    depth = np.zeros(where.shape[:2])
-    for one in np.unique(body):
+    depth: Floats = np.maximum(character.floor_height - where[..., 2], 0.0)
+    for one in np.unique(body[~alone]):
         mine = body == one
         below = character.floor_height - where[:, mine, 2].min(axis=1, keepdims=True)
         depth[:, mine] = np.maximum(below, 0.0)

@@ -38,8 +38,13 @@ class ContactSettings:
         angle, so that a walk shows (rad; zero for none), and back, each within ``rock`` s.
     max_tilt: such a body tilts no more than this while it stands, rad.
     settle: time over which a body's tilt changes when other points become planted, s.
+    missed: a stance ends where its points are farther than this from their place, m, because
+        the legs do not reach; the ends are looked for ``releases`` times. None that would become
+        shorter than ``shortest_stance`` s is kept.
     stance_weight: weight of planted points against 1 for each virtual marker;
         flight_weight: of the same points in flight, fading over ``fade`` s from the stance.
+    flank_weight: of the rest of a foot's underside, over all its points, as a share of the
+        weight of a contact point.
     clearance_weight: of a body that would be below the floor, over all its points.
     joint_weight: of a joint's change, per rad² and height².
     """
@@ -61,9 +66,13 @@ class ContactSettings:
     rock: float = 0.25
     max_tilt: float = 0.35
     settle: float = 0.06
+    missed: float = 1e-3
+    releases: int = 5
+    shortest_stance: float = 0.05
     stance_weight: float = 1e4
     flight_weight: float = 1e2
     fade: float = 0.15
+    flank_weight: float = 0.1
     clearance_weight: float = 1000.0
     joint_weight: float = 0.05
     blend: Blend = "ballistic"

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from physretarget import kinematics
+from physretarget.mjcf.surface import Solid
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -23,7 +25,10 @@ class Sole:
     ``body``; ``points`` (n,) their indices among the character's contact points; ``local``
     (n, 3) in the body's frame and ``centre`` (3,) their mean; ``flat`` (3, 3) the rotation of
     the body when it stands flat with heading zero; ``foot`` (n, 3) the points relative to
-    the centre then; ``sides`` which of the actor's sides each one follows.
+    the centre then; ``sides`` which of the actor's sides each one follows. ``under`` (m, 3)
+    further points of the body's underside at the floor's level, in the body's frame, and
+    ``print`` (m, 3) the same relative to the centre when it stands flat: they bear nothing by
+    the timetable, but must not sink.
     """
 
     body: int
@@ -33,6 +38,8 @@ class Sole:
     flat: Floats
     foot: Floats
     sides: tuple[str, ...]
+    under: Floats
+    print: Floats
 
     @property
     def radius(self) -> float:
@@ -55,7 +62,26 @@ def make_sole(
     centre = local.mean(axis=0)
     arms = (local - centre) @ stand.T
     flat = _levelled(arms) @ stand
-    return Sole(body, points, local, centre, flat, (local - centre) @ flat.T, sides)
+    none = np.zeros((0, 3))
+    return Sole(body, points, local, centre, flat, (local - centre) @ flat.T, sides, none, none)
+
+
+def with_underside(sole: Sole, shapes: Sequence[Solid], level: float) -> Sole:
+    """The sole with the undersides of its body's geoms that reach down to its contact points.
+
+    Points higher than ``level`` (m) when the body stands flat may sink as it tilts and are left
+    out, and so are those of a body that carries both feet: it is made to rock on its edges. A
+    single contact point has no direction to tilt in.
+    """
+    if sole.two_sided or len(sole.local) < 2:
+        return sole
+    points = [shape.undersides(sole.flat[2]) for shape in shapes if shape.body == sole.body]
+    under = np.concatenate([*points, np.zeros((0, 3))])
+    arm = (under - sole.centre) @ sole.flat.T
+    near = arm[:, 2] < sole.foot[:, 2].min() + level
+    gap = np.linalg.norm(arm[:, None] - sole.foot, axis=-1).min(axis=1)
+    keep = near & (gap > 1e-3)
+    return replace(sole, under=under[keep], print=arm[keep])
 
 
 def _levelled(arms: Floats) -> Floats:
@@ -119,7 +145,8 @@ def allowed_tilt(sole: Sole, tilt: Floats, planted: Bools) -> Floats:
     A rotation vector τ about a point on the floor lifts a point at distance d by
     ``(τ × d)_z`` times a positive factor, so the tilts that lift no planted point and sink no
     free one are a convex cone in the plane: everything for a corner that bears the
-    body alone, a half line for an edge, nothing but zero for a face.
+    body alone, a half line for an edge, nothing but zero for a face. The rest of the underside
+    is free, always.
     """
     result = np.zeros_like(tilt)
     patterns, where = np.unique(planted, axis=0, return_inverse=True)
@@ -133,7 +160,8 @@ def allowed_tilt(sole: Sole, tilt: Floats, planted: Bools) -> Floats:
 def _cone(sole: Sole, planted: Bools) -> tuple[Floats, Floats]:
     """Rows (…, 2) whose product with a tilt must be zero, and must not be negative."""
     pivot = int(np.argmax(planted))
-    arm = sole.foot[:, :2] - sole.foot[pivot, :2]
+    arm = np.concatenate([sole.foot, sole.print])[:, :2] - sole.foot[pivot, :2]
+    planted = np.concatenate([planted, np.zeros(len(sole.print), dtype=bool)])
     rows = np.stack([arm[:, 1], -arm[:, 0]], axis=1)
     real = np.linalg.norm(rows, axis=1) > _EPS
     return rows[planted & real], rows[~planted & real]

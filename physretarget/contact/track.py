@@ -46,9 +46,23 @@ class Track:
         """(T,) whether the body stands."""
         return any_point(self.planted)
 
+    def differs(self, other: Track) -> Bools:
+        """(T,) in which frames another path of the same sole is not exactly the same."""
+        same = (self.centre == other.centre).all(axis=1) & (self.away == other.away)
+        same &= (self.rotation == other.rotation).all(axis=(1, 2))
+        changed: Bools = np.logical_not(same)
+        return changed
+
     def points(self, sole: Sole) -> Floats:
         """(T, n, 3) where the track puts the sole's points."""
-        arm = sole.local - sole.centre
+        return self._at(sole, sole.local)
+
+    def undersides(self, sole: Sole) -> Floats:
+        """(T, m, 3) where the track puts the rest of the sole's underside."""
+        return self._at(sole, sole.under)
+
+    def _at(self, sole: Sole, local: Floats) -> Floats:
+        arm = local - sole.centre
         points: Floats = self.centre[:, None] + np.einsum("tij,nj->tni", self.rotation, arm)
         return points
 
@@ -201,7 +215,8 @@ def fly(
         if len(sole.local) > 1:
             turn = kinematics.quat_multiply(kinematics.rotvec_to_quat(tilt), yaw_quat(yaw))
             rotation[inner] = kinematics.quat_to_matrix(turn) @ rotation[inner]
-        arm = np.einsum("tij,nj->tni", rotation[inner], sole.local - sole.centre)
+        whole = np.concatenate([sole.local, sole.under]) - sole.centre
+        arm = np.einsum("tij,nj->tni", rotation[inner], whole)
         low = (centre[inner, None] + arm)[..., 2].min(axis=1) - floor
         if before and after:
             rise = min(settings.gravity * (t1 - t0) ** 2 / 8.0, settings.swing_height * height)

@@ -15,7 +15,7 @@ from scipy import sparse
 
 from physretarget.errors import SolverError
 from physretarget.ocp.basis import Basis, sparse_of
-from physretarget.ocp.problem import Scene
+from physretarget.ocp.problem import Scene, lowest_displacement
 from physretarget.ocp.settings import RootHeightSettings
 
 Array = NDArray[np.float64]
@@ -123,6 +123,8 @@ def cone_programme(scene: Scene, basis: Basis, settings: RootHeightSettings) -> 
     lowest = scene.height.min(axis=1)
     floor = np.minimum(lowest, 0.0) - 0.002 * scene.size - lowest
     low = np.where(scene.flight, np.maximum(floor, -limit), -limit)
+    if np.isfinite(settings.floor):
+        low = np.maximum(low, lowest_displacement(scene, settings))
     cone = sparse.csr_array(
         (
             np.tile([-scene.friction, -1.0, -1.0], forces),

@@ -32,6 +32,7 @@ class Scene:
     floor, m; ``velocity`` (T, P, 3) m/s.
     active: (T, P) which points are meant to touch; ``standing`` (T,) 1 where the clip stands,
     fading to 0 towards take-off and landing, 0 in flight.
+    clearance: (T,) height of the lowest point of the whole body above the floor, m.
     mass kg, weight N, size m (the character's height), friction μ.
     pose_offset, pose_spread: (T,) mean vertical error of the features and its standard
     deviation, m, or None where the mapper knows none; ``features``: points that it speaks of.
@@ -45,6 +46,7 @@ class Scene:
     velocity: Array
     active: NDArray[np.bool_]
     standing: Array
+    clearance: Array
     mass: float
     weight: float
     size: float
@@ -142,6 +144,7 @@ def _known(scene: Scene, settings: RootHeightSettings) -> tuple[Array, dict[str,
         "flight": scene.flight[:, None].astype(np.float64),
         "pose": pose,
         "standing": np.stack([scene.standing, _rest(scene, settings)], axis=1),
+        "lowest": lowest_displacement(scene, settings)[:, None],
     }
     layout, start = {}, 0
     for name, block in blocks.items():
@@ -155,6 +158,17 @@ def _rest(scene: Scene, settings: RootHeightSettings) -> Array:
     points = np.maximum(scene.active.sum(axis=1), 1)
     depth: Array = settings.sink * scene.size * scene.active.shape[1] / points
     return depth
+
+
+def lowest_displacement(scene: Scene, settings: RootHeightSettings) -> Array:
+    """(T,) the most that the root may be lowered before some part of the body sinks too deep, m.
+
+    Parts that the clip has below the floor already may sink by a little more, so that what
+    stands on the contact model has room.
+    """
+    deep = settings.floor * scene.size
+    lowest: Array = -np.maximum(scene.clearance + deep, 0.1 * deep)
+    return lowest
 
 
 def _contact(
@@ -206,4 +220,6 @@ def _residuals(
     if np.isfinite(settings.limit):
         beyond = ca.fabs(s[0]) / scene.size - 0.93 * settings.limit
         rows.append(300.0 * ca.fmax(beyond, 0.0))
+    if np.isfinite(settings.floor):
+        rows.append(1000.0 * ca.fmax(part["lowest"][0] - s[0], 0.0) / scene.size)
     return ca.vertcat(*rows)

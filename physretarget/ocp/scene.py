@@ -10,6 +10,7 @@ from physretarget import kinematics
 from physretarget.errors import InputError
 from physretarget.mjcf import Character
 from physretarget.mjcf.dynamics import derivatives, required_wrench
+from physretarget.mjcf.surface import lowest_heights, solids
 from physretarget.ocp.basis import differences
 from physretarget.ocp.problem import Scene
 
@@ -57,6 +58,7 @@ def scene_of(
         velocity=velocity,
         active=active,
         standing=_standing(active, step),
+        clearance=_clearance(character, pose),
         mass=character.mass,
         weight=character.weight,
         size=character.height,
@@ -65,6 +67,13 @@ def scene_of(
         pose_spread=spread,
         features=features,
     )
+
+
+def _clearance(character: Character, pose: kinematics.Pose) -> Array:
+    """(T,) height of the lowest point of any geom above the floor, m."""
+    heights = lowest_heights(solids(character), pose)
+    lowest: Array = heights.min(axis=1, initial=np.inf) - character.floor_height
+    return lowest
 
 
 def _standing(active: NDArray[np.bool_], step: float) -> Array:

@@ -52,6 +52,8 @@ class RootHeightSettings:
     deviation taken from the mapper, over the height.
     weights: weight of ½wᵀw.
     limit: largest displacement over the height.
+    floor: how deep any part of the body, rounded toes and tails included, may be pushed into the
+    floor, over the height.
     sink: how deep the contact model sinks under one body weight, over the height.
     continuation: multiples of the model's f0, solved one after another.
     iterations, tolerance: of Gauss-Newton in each of those, relative decrease.
@@ -71,6 +73,7 @@ class RootHeightSettings:
     pose_floor: float = 0.05
     weights: float = 1e-6
     limit: float = 0.15
+    floor: float = 0.01
     sink: float = 0.0005
     continuation: tuple[float, ...] = (30.0, 10.0, 3.0, 1.0)
     iterations: int = 30
@@ -98,6 +101,7 @@ class RootHeightSettings:
                 pose_floor=0.0,
                 weights=1.0,
                 limit=float("inf"),
+                floor=float("inf"),
                 continuation=(1.0,),
                 interval=1.0 / 15.0,
                 iterations=200,
