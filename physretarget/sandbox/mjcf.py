@@ -68,30 +68,6 @@ def check_model(root: Path, main: Path, limits: Limits) -> None:
         reading.check_reference(reference)
 
 
-def find_main(root: Path, files: tuple[Path, ...]) -> Path:
-    """The model among the files of an upload: the only XML whose root is ``mujoco``.
-
-    Raises:
-        InputError: there is none, or more than one.
-    """
-    models = [f for f in files if f.suffix.lower() in MODEL_SUFFIXES and b"<mujoco" in _start(f)]
-    # Those in the topmost folder, since parts that are included often lie below.
-    top = min((len(f.parts) for f in models), default=0)
-    models = [f for f in models if len(f.parts) == top]
-    if len(models) == 1:
-        return models[0]
-    if not models:
-        raise InputError("the upload holds no MJCF model (an XML file with the root <mujoco>).")
-    names = ", ".join(printable(str(f.relative_to(root))) for f in models[:5])
-    raise InputError(f"the upload holds several models: say which of {names} is meant.")
-
-
-def _start(file: Path) -> bytes:
-    with file.open("rb") as stream:
-        # ``<mujocoinclude>`` is a part, not a model.
-        return stream.read(1 << 16).replace(b"<mujocoinclude", b"")
-
-
 def _check_tree(root: Path, limits: Limits) -> None:
     """Plain files and folders only: then a path inside the folder leads inside the folder."""
     count = 0

@@ -1,0 +1,123 @@
+"""Every malicious upload is refused, in bounded time, with nothing outside opened."""
+
+from __future__ import annotations
+
+import ctypes
+import importlib.util
+import os
+import struct
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from physretarget.sandbox.child import ChildError
+from physretarget.sandbox.limits import Limits
+from physretarget.sandbox.pool import Pool
+
+MODELS = Path(__file__).resolve().parents[2] / "models"
+LIMITS = Limits(seconds=30, cpu_seconds=30, memory_bytes=2 * 2**30)
+
+
+def _load(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name(f"{name}.py"))
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+malicious = _load("malicious")
+
+
+class Watch:
+    """Tells whether anything in a folder was opened, by inotify."""
+
+    def __init__(self, folder: Path) -> None:
+        libc = ctypes.CDLL(None, use_errno=True)
+        self.handle = libc.inotify_init1(os.O_NONBLOCK)
+        opened, read, written, made = 0x20, 0x1, 0x2, 0x100
+        mask = opened | read | written | made
+        assert libc.inotify_add_watch(self.handle, os.fsencode(folder), mask) >= 0
+
+    def seen(self) -> list[str]:
+        try:
+            content = os.read(self.handle, 65536)
+        except BlockingIOError:
+            return []
+        names = []
+        while content:
+            (length,) = struct.unpack("I", content[12:16])
+            names.append(content[16 : 16 + length].rstrip(b"\0").decode())
+            content = content[16 + length :]
+        return names
+
+
+@pytest.fixture(scope="module")
+def pool() -> Iterator[Pool]:
+    with Pool() as pool:
+        yield pool
+
+
+@pytest.fixture(scope="module")
+def watch() -> Iterator[Watch]:
+    watch = Watch(malicious.write_canaries())
+    yield watch
+    os.close(watch.handle)
+
+
+def test_the_watch_sees_a_read(watch: Watch) -> None:
+    Path(malicious.OUTSIDE).read_text()
+    assert watch.seen()
+
+
+def request_of(case: Any, upload: Path) -> tuple[str, dict[str, Any]]:
+    if case.kind == "model":
+        return "check_model", {
+            "upload": str(upload), "name": case.filename, "main": "", "limits": LIMITS.to_dict(),
+        }  # fmt: skip
+    about = {
+        "model": str(MODELS / "lamp.xml"), "options": {"fps": 30.0}, "clip_frames": 10**6,
+        "clip_name": case.filename, "model_name": "lamp",
+    }  # fmt: skip
+    if case.kind == "clip":
+        return "validate", {"clip": str(upload), **about}
+    return "retarget", {
+        "capture": str(upload), "keyposes": [str(MODELS / "lamp.keyposes.toml")], **about,
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("case", malicious.CASES, ids=lambda case: case.name)
+def test_refused(case: Any, pool: Pool, watch: Watch, tmp_path: Path) -> None:
+    folder = tmp_path / "job"
+    upload = folder / "inputs" / case.filename
+    upload.parent.mkdir(parents=True)
+    upload.write_bytes(case.content())
+    task, request = request_of(case, upload)
+    watch.seen()
+    began = time.monotonic()
+    with pytest.raises(ChildError) as refused:
+        pool.run(
+            f"physretarget.service.tasks:{task}", request, folder=folder, limits=LIMITS,
+            inputs=(MODELS,),
+        )  # fmt: skip
+    took = time.monotonic() - began
+    error = refused.value
+    print(f"{took:6.2f} s {error.kind:8} {case.name}: {error.message[:150]}")
+    assert error.kind == "input", f"{error.message} {error.log[-2000:]}"
+    assert took < 20
+    assert watch.seen() == []
+    assert malicious.CANARY not in error.message + error.log
+    assert str(tmp_path) not in error.message
+    assert not Path(f"{malicious.OUTSIDE}.ran").exists()
+
+
+def test_there_are_many() -> None:
+    assert len(malicious.CASES) >= 45
+    assert len({case.name for case in malicious.CASES}) == len(malicious.CASES)
