@@ -100,7 +100,9 @@ def unpickle(content: bytes, *, path: str) -> Any:
     """
     _walk(content, path)
     try:
-        return _Restricted(content, path).load()
+        value = _Restricted(content, path).load()
+        _check_written_out(value, len(content), path)
+        return value
     except InputError:
         raise
     except (
@@ -129,3 +131,28 @@ def _walk(content: bytes, path: str) -> None:
         raise
     except (ValueError, TypeError, EOFError, IndexError, UnicodeError, OverflowError) as error:
         raise InputError("is not a readable pickle: cut off or damaged.", path=path) from error
+
+
+def _check_written_out(value: Any, length: int, path: str) -> None:
+    """Refuse lists that name each other again and again: sixty of them make 2^60 elements.
+
+    Whoever makes an array of such a list, or prints it, writes it out.
+    """
+    most = 16 * length + 1000
+    size: dict[int, int] = {}  # of each container, by identity; 0 while it is being looked at
+    waiting: list[tuple[Any, bool]] = [(value, False)]
+    while waiting:
+        each, inside_done = waiting.pop()
+        if not isinstance(each, list | tuple | dict | set | frozenset):
+            continue
+        parts = [*each, *each.values()] if isinstance(each, dict) else list(each)
+        if inside_done:
+            size[id(each)] = 1 + sum(size.get(id(part), 1) for part in parts)
+            if size[id(each)] > most:
+                raise UnsafeInputError("the pickle writes out to far more than it is.", path=path)
+        elif id(each) not in size:
+            size[id(each)] = 0
+            waiting.append((each, True))
+            waiting += [(part, False) for part in parts]
+        elif size[id(each)] == 0:
+            raise UnsafeInputError("the pickle holds a container that holds itself.", path=path)
