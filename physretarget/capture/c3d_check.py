@@ -15,6 +15,8 @@ from physretarget.errors import InputError, UnsafeInputError
 _BLOCK = 512
 _TYPES = (-1, 1, 2, 4)  # characters, bytes, 16-bit integers, floats
 _MIPS = 86
+# ezc3d reads the length as a signed byte: 128 becomes four gigabytes.
+_LONGEST_DESCRIPTION = 127
 
 Parameter = tuple[int, tuple[int, ...], bytes]  # type, dimensions, raw values
 
@@ -91,10 +93,16 @@ def _parameters(
             if -group in groups:
                 raise InputError(f"parameter group {name!r} takes another one's number", path=path)
             groups[-group] = name
-            used = 1 + body[0] if body else 1
+            description = body[0] if body else 0
+            used = 1 + description
         else:
-            parameter, used = _parameter(body, name, path)
+            parameter, used, description = _parameter(body, name, path)
             found[group, name] = parameter
+        if description > _LONGEST_DESCRIPTION:
+            raise UnsafeInputError(
+                f"the description of {name!r} claims {description} characters, at most "
+                f"{_LONGEST_DESCRIPTION} are read", path=path,
+            )  # fmt: skip
         # The last entry may end with no pointer; every other one ends where the next begins.
         if used > len(body) or (jump and used < len(body)):
             raise InputError(f"parameter {name!r} does not fill its entry", path=path)
@@ -108,8 +116,8 @@ def _parameters(
     return {(groups[group], name): parameter for (group, name), parameter in found.items()}
 
 
-def _parameter(body: bytes, name: str, path: str | Path) -> tuple[Parameter, int]:
-    """A parameter and the bytes that it and its description take."""
+def _parameter(body: bytes, name: str, path: str | Path) -> tuple[Parameter, int, int]:
+    """A parameter, the bytes that it and its description take, and those of the latter."""
     wrong = InputError(f"parameter {name!r} is damaged", path=path)
     if len(body) < 2:
         raise wrong
@@ -120,7 +128,7 @@ def _parameter(body: bytes, name: str, path: str | Path) -> tuple[Parameter, int
     end = 2 + count + math.prod(sizes) * abs(kind)
     if end >= len(body):
         raise wrong
-    return (kind, sizes, body[2 + count : end]), end + 1 + body[end]
+    return (kind, sizes, body[2 + count : end]), end + 1 + body[end], body[end]
 
 
 def _whole(

@@ -22,7 +22,7 @@ from physretarget.mjcf import Character, lowpass
 from physretarget.validation.chunk import Chunk, Workspace, analyse_chunk
 from physretarget.validation.series import Gathered
 from physretarget.validation.smear import dilated, pushed, reach_frames, straight
-from physretarget.validation.smoothness import WINDOW_S
+from physretarget.validation.smoothness import WINDOW_S, edge_frames
 
 if TYPE_CHECKING:
     from physretarget.validation.config import Settings
@@ -127,7 +127,7 @@ def analyse(clip: Motion, character: Character, settings: Settings) -> Analysis:
     work = Workspace.build(character, tolerance=tolerance, friction=friction)
     series = Gathered()
     reach = reach_frames(fps, settings.lowpass_hz)
-    halo = _HALO + max(reach, math.ceil(WINDOW_S * fps / 2))
+    halo = _HALO + max(reach, math.ceil(WINDOW_S * fps / 2) + edge_frames(fps))
     for first in range(0, len(time), CHUNK):
         last = min(first + CHUNK, len(time))
         start, stop = max(0, first - halo), min(len(time), last + halo)

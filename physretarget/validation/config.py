@@ -16,7 +16,6 @@ from physretarget.errors import InputError, UsageError
 from physretarget.validation.report import Severity
 from physretarget.validation.rule import Profile, Rule
 
-
 # Beyond any unit; TOML knows whole numbers of any length.
 _LARGEST = 1e15
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 
 from physretarget.validation import states
 from physretarget.validation.analysis import Analysis
@@ -18,6 +19,8 @@ PULL_BW = 0.02  # more than rounding and the noise of second differences
 # Displacement while sliding slower than this is drift of the data, not skating.
 SKATE_M_S = 0.05
 CHATTER_S = 0.1
+# The fastest frame of a landing foot is a matter of luck: what it slides in this time is not.
+SKATE_WINDOW_S = 0.2
 
 
 def measures(analysis: Analysis) -> dict[str, Measure]:
@@ -41,11 +44,35 @@ def rms(series: Floats) -> float | None:
     return float(np.sqrt(np.mean(series**2))) if len(series) else None
 
 
-def _share(analysis: Analysis, flags: NDArray[np.bool_], worst: Floats) -> Measure:
+def _over(series: Floats, frames: float) -> Floats:
+    """Means over so many frames around each."""
+    count = min(max(1, round(frames)), len(series))
+    means: Floats = uniform_filter1d(series, count, mode="nearest")
+    return means
+
+
+def time_share(margin: Floats) -> float:
+    """Share of the time in which a margin (T,) is above 0, between frames by interpolation.
+
+    Counted in frames, a stretch of three at 30 frames/s may be eleven at 120. A frame of NaN is
+    below; next to one the stretch ends half-way.
+    """
+    above = margin > 0
+    if len(margin) < 2:
+        return float(above.mean())
+    before, after = margin[:-1], margin[1:]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        crossing = np.maximum(before, after) / np.abs(after - before)
+    crossing = np.where(np.isfinite(crossing), crossing, 0.5)
+    share = np.where(above[:-1] == above[1:], above[1:].astype(np.float64), crossing)
+    return float(share.mean())
+
+
+def _share(analysis: Analysis, margin: Floats) -> Measure:
     frame = None
-    if flags.any():
-        frame = analysis.clip_frame(int(np.argmax(np.where(flags, worst, -np.inf))))
-    return Measure(value=float(flags.mean()), unit="1", frame=frame)
+    if (margin > 0).any():
+        frame = analysis.clip_frame(int(np.nanargmax(margin)))
+    return Measure(value=time_share(margin), unit="1", frame=frame)
 
 
 def _required(a: Analysis) -> Iterator[tuple[str, Measure]]:
@@ -63,9 +90,8 @@ def _required(a: Analysis) -> Iterator[tuple[str, Measure]]:
     yield "required_force_vertical_min_bw", peak(a, vertical, "BW", lowest=True)
     yield "required_force_vertical_mean_bw", Measure(value=float(vertical.mean()), unit="BW")
     yield "root_acceleration_max_m_s2", peak(a, a["root_acceleration"], "m/s^2")
-    yield "pull_frames_fraction", _share(a, vertical < -PULL_BW, -vertical)
-    demand = np.nan_to_num(a["friction_demand"])
-    yield "friction_exceeded_fraction", _share(a, demand > a.friction, demand)
+    yield "pull_frames_fraction", _share(a, -PULL_BW - vertical)
+    yield "friction_exceeded_fraction", _share(a, a["friction_demand"] - a.friction)
 
 
 def _explained(a: Analysis) -> Iterator[tuple[str, Measure]]:
@@ -84,8 +110,7 @@ def _explained(a: Analysis) -> Iterator[tuple[str, Measure]]:
     worst = peak(a, moment, "BW h")
     yield "unexplained_moment_rms_bwh", Measure(value=rms(moment), unit="BW h", frame=worst.frame)
     yield "unexplained_moment_max_bwh", worst
-    outside = np.nan_to_num(a["cop_outside"])
-    yield "cop_outside_fraction", _share(a, outside > a.tolerance / 2, outside)
+    yield "cop_outside_fraction", _share(a, a["cop_outside"] - a.tolerance / 2)
     yield "cop_outside_max_m", peak(a, a["cop_outside"], "m")
 
 
@@ -97,8 +122,7 @@ def _flight(a: Analysis) -> Iterator[tuple[str, Measure]]:
     if not a.judges_forces:
         yield from ((n, Measure(value=None, unit=u)) for n, u in names.items())
         return
-    free = states.airborne(a)
-    yield "flight_frames_fraction", _share(a, free, a["lowest"])
+    yield "flight_frames_fraction", _share(a, a["lowest"] - a.tolerance)
     judged = states.flight(a)
     error = np.where(judged, states.flight_error(a), np.nan)
     worst = peak(a, error, "m/s^2").frame
@@ -111,10 +135,9 @@ def _flight(a: Analysis) -> Iterator[tuple[str, Measure]]:
         "flight_moment_rms_bwh",
         Measure(value=rms(moment[judged]), unit="BW h", frame=peak(a, moment, "BW h").frame),
     )
-    floats = states.floating(a)
-    frame = _share(a, floats, a["lowest"]).frame
-    seconds = float(floats.sum()) / a.fps if a.fps else 0.0
-    yield "float_time_s", Measure(value=seconds, unit="s", frame=frame)
+    floats = _share(a, states.floating_margin(a))
+    seconds = time_share(states.floating_margin(a)) * a.frames / a.fps if a.fps else 0.0
+    yield "float_time_s", Measure(value=seconds, unit="s", frame=floats.frame)
 
 
 def _floor(a: Analysis) -> Iterator[tuple[str, Measure]]:
@@ -125,7 +148,7 @@ def _floor(a: Analysis) -> Iterator[tuple[str, Measure]]:
     else:
         depth = np.maximum(-a["deepest"], 0.0)
         yield "penetration_max_m", peak(a, depth, "m")
-        yield "penetration_frames_fraction", _share(a, depth > PENETRATION_M, depth)
+        yield "penetration_frames_fraction", _share(a, depth - PENETRATION_M)
         flips = states.chatter(a, CHATTER_S)
         frame = a.clip_frame(int(np.argmax(flips))) if flips.any() else None
         seconds = a.frames / a.fps if a.fps else 1.0
@@ -135,7 +158,7 @@ def _floor(a: Analysis) -> Iterator[tuple[str, Measure]]:
         yield "skate_distance_m", Measure(value=None, unit="m")
     else:
         speed = a["skate"]
-        worst = peak(a, speed, "m/s")
+        worst = peak(a, _over(speed, a.fps * SKATE_WINDOW_S), "m/s")
         yield "skate_speed_max_m_s", worst
         slid = float(speed[speed > SKATE_M_S].sum() / a.fps) if a.fps else 0.0
         yield "skate_distance_m", Measure(value=slid, unit="m", frame=worst.frame)

@@ -36,6 +36,14 @@ def floating(analysis: Analysis) -> Bools:
     return airborne(analysis) & needs
 
 
+def floating_margin(analysis: Analysis) -> Floats:
+    """(T,) above 0 where the character floats, by how much in shares of both limits."""
+    missing = analysis["straight_force"][:, 2] - analysis["pushed"]
+    height = analysis["lowest"] / analysis.tolerance - 1
+    margin: Floats = np.minimum(height, missing / FLOAT_BW - 1)
+    return margin
+
+
 def free_flight(analysis: Analysis) -> Bools:
     """(T,) flight, without the stretches in the air of which a part floats."""
     judged, floats = flight(analysis), floating(analysis)

@@ -35,6 +35,9 @@ _PRICE_OF_ABSENCE = 10 * RHO
 # A point that rises or sinks more than this per way along the floor, and more than the noise of
 # captures, does not slide.
 _STEEP, _UNEVEN_M = 0.25, 0.002
+# Sliding is seen over this long, or a frame where that is longer: a limit on height makes sense
+# only beside a time, and a clip of 120 frames/s must slide like one of 30.
+SLIDE_SPAN_S = 1 / 30
 _NEVER = 1 << 40
 
 
@@ -135,8 +138,9 @@ def _one_sided(
     now = _place(pose, frames, support.body, local)
     touches = support.own & (now[..., 2] - support.floor < near)
     total, sides = np.zeros((*support.body.shape, 2)), np.zeros(support.body.shape)
+    span = max(1, round(SLIDE_SPAN_S / step))
     for side in (-1, 1):
-        other = np.clip(frames + side, 0, len(pose.position) - 1)
+        other = np.clip(frames + side * span, 0, len(pose.position) - 1)
         then = _place(pose, other, support.body, local)
         moved = then - now
         along = np.hypot(moved[..., 0], moved[..., 1])
@@ -145,7 +149,7 @@ def _one_sided(
         both = touches & (other != frames) & near_then & level
         total += np.where(both[..., None], side * moved[..., :2], 0.0)
         sides += both
-    velocity: Floats = total / (np.maximum(sides, 1) * step)[..., None]
+    velocity: Floats = total / (np.maximum(sides, 1) * span * step)[..., None]
     return velocity
 
 

@@ -9,11 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import make_interp_spline
 
 from physretarget.clip import Clip, load_clip
 from physretarget.mjcf import Character, lowpass
 from physretarget.validation import Report, Settings, analysis, validate
+from physretarget.validation.measures import time_share
 
 
 def errors(report: Report) -> set[str]:
@@ -224,33 +225,61 @@ def test_unfiltered_walk_reads_as_published(data: Path) -> None:
     assert value(report, "required_force_vertical_max_bw") == pytest.approx(2.45, abs=0.01)
 
 
-# Where the smooth clip has nothing to measure, a ratio means nothing.
+# Where the smooth clip has nothing to measure, a ratio means nothing: a tenth of a threshold.
 SMALL = {
-    "unexplained_force_max_bw": 2e-3, "unexplained_force_rms_bw": 1e-3,
-    "unexplained_moment_max_bwh": 2e-3, "unexplained_moment_rms_bwh": 1e-3,
-    "skate_speed_max_m_s": 2e-3, "penetration_max_m": 1e-4, "skate_distance_m": 1e-3,
-    "cop_outside_max_m": 2e-3, "penetration_frames_fraction": 0.01, "cop_outside_fraction": 0.01,
-    "contact_chatter_per_s": 0.5, "self_penetration_max_m": 1e-4,
+    "unexplained_force_max_bw": 0.01, "unexplained_force_rms_bw": 1e-3,
+    "unexplained_moment_max_bwh": 0.01, "unexplained_moment_rms_bwh": 1e-3,
+    "skate_speed_max_m_s": 0.01, "penetration_max_m": 1e-4, "skate_distance_m": 1e-3,
+    "cop_outside_max_m": 2e-3, "cop_outside_fraction": 2e-3, "self_penetration_max_m": 1e-4,
 }  # fmt: skip
+# At 30 frames/s the window of a trembling ankle that is judged worst lies between two frames.
+COARSE = {("walk", "jerk_dimensionless_max"): 0.2}
 
 
-def test_measures_do_not_depend_on_the_frame_rate(data: Path) -> None:
-    clip, character = g1(data, "wave")
-    smooth = lowpass(character, clip.qpos, 30, 1.5)
-    spline = CubicSpline(clip.time, smooth)
+@pytest.mark.parametrize("name", ["walk", "wave", "jumpjack", "dance", "high5"])
+def test_measures_do_not_depend_on_the_frame_rate(data: Path, name: str) -> None:
+    """Every measure, within 5 %. Smooth means without anything that 30 frames/s cannot show: three
+    times through the filter, and splined so that even the fifth derivative has no steps."""
+    clip, character = g1(data, name)
+    smooth = clip.qpos
+    for _ in range(3):
+        smooth = lowpass(character, smooth, 30, 1.5)
+    spline = make_interp_spline(clip.time, smooth, k=7)
     reports = []
     for fps in (30, 60, 120):
         time = np.arange(round(clip.duration * fps) + 1) / fps
         qpos = spline(time)
         qpos[:, 3:7] /= np.linalg.norm(qpos[:, 3:7], axis=1, keepdims=True)
         reports.append(validate(Clip(qpos=qpos, time=time), character))
-    for name, measure in reports[0].measures.items():
-        values = [r.measures[name].value for r in reports]
-        assert [v is None for v in values] == [values[0] is None] * 3, name
-        if measure.value is None:
+    taken = 0
+    for measure, first in reports[0].measures.items():
+        values = [r.measures[measure].value for r in reports]
+        assert [v is None for v in values] == [values[0] is None] * 3, measure
+        if first.value is None:
             continue
-        floor = SMALL.get(name, 0.0)
-        assert values == pytest.approx([values[2]] * 3, rel=0.05, abs=floor), name
+        taken += 1
+        near = COARSE.get((name, measure), 0.05)
+        finest = values[2]
+        assert values[0] == pytest.approx(finest, rel=near, abs=SMALL.get(measure, 0.0)), measure
+        assert values[1] == pytest.approx(finest, rel=0.05, abs=SMALL.get(measure, 0.0)), measure
+    # All but those of flight, where these clips have none.
+    assert taken >= len(reports[0].measures) - 2
+
+
+@pytest.mark.parametrize(
+    ("margin", "share"),
+    [
+        ([-1.0, 1.0, -1.0], 0.5),
+        ([-1.0, 3.0], 0.75),
+        ([1.0, 2.0, 0.5], 1.0),
+        ([-1.0, -2.0], 0.0),
+        ([1.0, np.nan, -1.0], 0.25),
+        ([1.0], 1.0),
+        ([0.0, 0.0], 0.0),
+    ],
+)
+def test_shares_of_time_end_between_frames(margin: list[float], share: float) -> None:
+    assert time_share(np.array(margin)) == pytest.approx(share)
 
 
 def test_every_measure_is_documented(biped: Character, standing: Clip) -> None:
