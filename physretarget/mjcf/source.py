@@ -47,7 +47,7 @@ _UNITS = {"K": 2**10, "M": 2**20, "G": 2**30, "T": 2**40, "P": 2**50, "E": 2**60
 _DIRECTORY = {
     "mesh": "meshdir",
     "skin": "meshdir",
-    "hfield": "assetdir",
+    "hfield": "meshdir",
     "texture": "texturedir",
     "model": "assetdir",  # a model to attach; what it names in turn is not followed
 }
