@@ -3,7 +3,8 @@
 Labels are compared without case, separators, subject prefix (``male:``) and the suffix
 ``_study`` of OpenCap's augmenter. Known: the CMU database's 41 markers, Plug-in-Gait, Helen
 Hayes and Cortex names, OpenSim and OpenCap (measured and augmented), Rizzoli/IOR and ISB
-landmarks, Qualisys' and OptiTrack's animation sets, and OpenPose-like joint key points.
+landmarks, Qualisys' and OptiTrack's animation sets, and joints as video sees them (OpenPose,
+COCO, HALPE, MediaPipe, SMPL).
 """
 
 from __future__ import annotations
@@ -23,8 +24,9 @@ Floats = NDArray[np.float64]
 
 KNOWN_SETS = (
     "CMU/Vicon 41, Plug-in-Gait, Helen Hayes, OpenSim, OpenCap, Rizzoli/IOR, ISB, Qualisys, "
-    "OptiTrack, OpenPose key points"
+    "OptiTrack, OpenPose, COCO and MediaPipe key points"
 )
+_SUBJECT = 8  # so many labels with one beginning may name a person
 BONE, SKIN, CLUSTER = 0.02, 0.04, 0.10  # how far (m) a marker may sit from where it is expected
 
 # Where each landmark is on the reference actor (1.75 m) in the zero pose: segment, world
@@ -43,7 +45,7 @@ _MID: dict[str, tuple[str, tuple[float, float, float], float, str]] = {
     "c7": ("chest", (-0.085, 0.0, 1.515), BONE, "c7 cv7 t1 tv1 t2 tv2 spinetop spinethoracic2 "
            "backtop vc7"),
     "clav": ("chest", (0.055, 0.0, 1.435), BONE, "clav ij snj sstn jn sternumtop suprasternal "
-             "suprasternalnotch uppersternum clavicle ssn strt manubrium stern"),
+             "suprasternalnotch sjn uppersternum clavicle ssn strt manubrium stern"),
     "strn": ("chest", (0.10, 0.0, 1.275), BONE, "strn px sxs xiph xiphoid xyph xp lowersternum"),
     "sternum": ("chest", (0.085, 0.0, 1.36), SKIN, "sternum chest chst breast"),
     "neck": ("chest", (-0.0175, 0.0, 1.50), BONE, "neck"),
@@ -113,7 +115,7 @@ _SIDED: dict[str, tuple[str, tuple[float, float, float], float, str]] = {
     "midfoot": ("foot", (0.070, 0.085, 0.085), SKIN, "midfootsup navicular nav tn instep cun mft "
                 "midfoot dorsum fmb smb"),
     "toe_tip": ("foot", (0.205, 0.070, 0.030), SKIN, "toetip bigtoe hlx hallux hal toeend ttip dp1 "
-                "ppd bt hux tip"),
+                "ppd bt hux tip footindex"),
     # shoulder girdle
     "acromion": ("clavicle", (-0.005, 0.175, 1.475), BONE, "sho shoulder acr acro acromium "
                  "acromion shouldertop saj ac shld acj sae shou acrm ap shouldtop acromial"),
@@ -139,7 +141,7 @@ _SIDED: dict[str, tuple[str, tuple[float, float, float], float, str]] = {
     "wrist_radius": ("forearm", (0.035, 0.184, 0.890), BONE, "wra rsp rs wristradius radius lwrist "
                      "wristlat wristlateral wristin radialwrist rad wrr rst iwr wrt wrthumb "
                      "wristthumb wrl wristrad radsty thumbwrist radstyl"),
-    "wrist_ulna": ("forearm", (-0.035, 0.184, 0.890), BONE, "wrb uhe us wristulna ulna mwrist "
+    "wrist_ulna": ("forearm", (-0.035, 0.184, 0.890), BONE, "wrb uhe us usp wristulna ulna mwrist "
                    "wristmed wristmedial wristout ulnarwrist uln wru ust owr wrp wrpinky "
                    "wristpinky wristuln ulnsty wrm ulnstyl"),
     "wrist": ("forearm", (0.0, 0.205, 0.885), SKIN, "wri wrist wrs wr wristtop"),
@@ -167,6 +169,11 @@ _KEYPOINTS: dict[str, tuple[str, tuple[float, float, float], float, str]] = {
     "shoulder_centre_k": ("clavicle", (-0.0035, 0.184, 1.434), BONE, "shoulder"),
     "elbow_centre_k": ("upper_arm", (-0.0035, 0.184, 1.151), BONE, "elbow"),
     "wrist_centre_k": ("forearm", (-0.0035, 0.184, 0.881), BONE, "wrist"),
+    "ball_k": ("foot", (0.13, 0.0875, 0.03), BONE, "foot"),
+}
+_KEYPOINTS_MID: dict[str, tuple[str, tuple[float, float, float], float, str]] = {
+    "midhip_k": ("pelvis", (0.0, 0.0, 0.9275), BONE, "hip chip pelvis root"),
+    "neck_k": ("chest", (0.0, 0.0, 1.47), BONE, "neck thorax cshoulder midshoulder"),
 }
 # Labels whose side stands inside the word.
 _INFIX = {
@@ -194,16 +201,66 @@ def normal_label(label: str) -> str:
     return bare.removesuffix("study")
 
 
+def subjects(labels: Sequence[str]) -> tuple[str, ...]:
+    """Whose marker each label is: what stands before a colon, "" where nothing does.
+
+    A name before an underscore, blank or hyphen counts too ("Bob_LASI"), if enough labels carry
+    it and become known by taking it off, but not with it.
+    """
+    found = [label.rpartition(":")[0] for label in labels]
+    if any(found):
+        return tuple(found)
+    first = [re.match(r"([^_ -]{2,})[_ -]+.", label) for label in labels]
+    names = [match[1] if match else "" for match in first]
+    table = _tables(keypoints=False)
+    for name in set(names) - {""}:
+        own = [i for i, other in enumerate(names) if other == name]
+        bare = [labels[i][len(name) :] for i in own]
+        gained = sum(normal_label(label) in table for label in bare)
+        known = sum(normal_label(labels[i]) in table for i in own)
+        if len(own) < _SUBJECT or gained < _SUBJECT or known > 0.2 * gained:
+            names = ["" if other == name else other for other in names]
+    return tuple(names)
+
+
 def recognise(labels: Sequence[str]) -> tuple[Landmark | None, ...]:
     """The landmark of each label, None where it is not known."""
-    normal = [normal_label(label) for label in labels]
-    keypoints = {"rhip", "lhip", "rknee", "rbigtoe", "rankle"} <= set(normal)
+    owners = subjects(labels)
+    bare = [label.removeprefix(owner) for label, owner in zip(labels, owners, strict=True)]
+    normal = [normal_label(label) for label in bare]
+    keypoints = _are_keypoints(normal)
     augmented = [label.lower().endswith("study") for label in labels]
     if any(augmented):  # video key points beside augmented markers add nothing but noise
         keypoints = False
         normal = [n if a else "" for n, a in zip(normal, augmented, strict=True)]
     table = _tables(keypoints)
     return tuple(table.get(name) for name in normal)
+
+
+def exchanged(landmarks: Sequence[Landmark | None]) -> tuple[Landmark | None, ...]:
+    """The same landmarks with left and right exchanged."""
+    names = {mark.name: mark for keypoints in (True, False) for mark in _tables(keypoints).values()}
+    other = {"left": "right", "right": "left"}
+    turned = []
+    for mark in landmarks:
+        side, _, rest = mark.name.partition(" ") if mark else ("", "", "")
+        turned.append(names[f"{other[side]} {rest}"] if side in other else mark)
+    return tuple(turned)
+
+
+_PELVIC = re.compile(r"(asis?|psis?|ias|ips|sacr|sacrum|vsacral|waist\w*|[fb]wt)[lr]?$")
+
+
+def _are_keypoints(normal: Sequence[str]) -> bool:
+    """Whether labels (normal) are joints as video sees them: hips, but no bone of the pelvis."""
+    if {"rhip", "lhip", "rknee", "rbigtoe", "rankle"} <= set(normal):
+        return True
+    joints = [{f"{side}{joint}" for joint in ("hip", "knee", "ankle")} for side in _SIDE_PREFIX]
+    paired = all(a <= set(normal) or b <= set(normal) for a, b in (joints[:2], joints[2:]))
+    return paired and not any(_PELVIC.search(label) for label in normal)
+
+
+_SIDE_PREFIX = ("l", "left", "r", "right")
 
 
 @lru_cache(maxsize=2)
@@ -226,7 +283,8 @@ def _tables(keypoints: bool) -> dict[str, Landmark]:
             where = np.array(place) * [1.0, sign, 1.0]
             enter(keys, f"{side} {name}", own, where, spread)
 
-    for name, (segment, place, spread, text) in _MID.items():
+    middle = {**(_KEYPOINTS_MID if keypoints else {}), **_MID}
+    for name, (segment, place, spread, text) in middle.items():
         enter(text.split(), name, segment, np.array(place), spread)
     if keypoints:
         for name, entry in _KEYPOINTS.items():
@@ -265,13 +323,16 @@ def up_axis(labels: Sequence[str], position: Floats, stated: str | None = None) 
     no harm; clips on all fours or lying down stay undecided.
     """
     high, low = [], []
-    for i, landmark in enumerate(recognise(labels)):
+    marks = recognise(labels)
+    for i, landmark in enumerate(marks):
         if landmark is None:
             continue
         if SEGMENTS[landmark.segment] in ("head", "chest"):
             high.append(i)
         elif SEGMENTS[landmark.segment].endswith(("_foot", "_shank")):
             low.append(i)
+    if not high:  # legs alone
+        high = [i for i, mark in enumerate(marks) if mark and SEGMENTS[mark.segment] == "pelvis"]
     if not high or not low:
         return None
     some = position[:: max(1, len(position) // 300)]

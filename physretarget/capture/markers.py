@@ -26,7 +26,15 @@ from physretarget.capture.marker_model import (
     first_poses,
     fit_poses,
 )
-from physretarget.capture.marker_sets import CLUSTER, KNOWN_SETS, SKIN, Landmark, recognise
+from physretarget.capture.marker_sets import (
+    CLUSTER,
+    KNOWN_SETS,
+    SKIN,
+    Landmark,
+    exchanged,
+    recognise,
+    subjects,
+)
 from physretarget.capture.recording import MarkerRecording
 from physretarget.errors import InputError
 from physretarget.kinematics import continuous, forward, points, slerp
@@ -48,7 +56,7 @@ _LIMBS = {
     },
 }
 
-_MARKED = {"chest": ("chest",), "head": ("head",), **_LIMBS}
+_MARKED = {"chest": ("chest", "left_clavicle", "right_clavicle"), "head": ("head",), **_LIMBS}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,6 +127,9 @@ def _worn(
 ) -> tuple[MarkerModel, Ints]:
     """The reference actor with the recording's known markers, and their columns."""
     landmarks = _one_subject(recording.labels, recognise(recording.labels), notes)
+    if _walks_backward(landmarks, recording.position):
+        landmarks = exchanged(landmarks)
+        notes.append("left and right were exchanged: as labelled, the toes point backward")
     seen = np.isfinite(recording.position).all(axis=-1).mean(axis=0) > 0.02
     columns = np.array(
         [i for i, mark in enumerate(landmarks) if mark is not None and seen[i]], dtype=np.int64
@@ -126,12 +137,13 @@ def _worn(
     unknown = [label for label, mark in zip(recording.labels, landmarks, strict=True) if not mark]
     known = [mark for i in columns if (mark := landmarks[i]) is not None]
     on = [SEGMENTS[mark.segment] for mark in known]
-    if len(known) < told.fewest or max(on.count("pelvis"), on.count("chest")) < 3:
+    if len(known) < told.fewest or not _trunk_marked(on):
         listed = ", ".join(unknown[:40]) + (" …" if len(unknown) > 40 else "")
         raise InputError(
             f"only {len(known)} labels are known ({on.count('pelvis')} on the pelvis, "
-            f"{on.count('chest')} on the chest; three on one of them and {told.fewest} in all "
-            f"are needed); unknown: {listed or 'none'}; known sets: {KNOWN_SETS}",
+            f"{on.count('chest')} on the chest; three on one of them, or both hips and both "
+            f"shoulders, and {told.fewest} in all are needed); unknown: {listed or 'none'}; "
+            f"known sets: {KNOWN_SETS}",
             path=recording.source.path,
         )
     if unknown:
@@ -152,6 +164,54 @@ def _worn(
     return model, columns
 
 
+def _walks_backward(landmarks: tuple[Landmark | None, ...], position: Floats) -> bool:
+    """Whether toes point away from where the hips face: left and right are mislabelled."""
+    some = position[:: max(1, len(position) // 300)]
+
+    def mean(chosen: list[int]) -> Floats:
+        seen = np.asarray(np.isfinite(some[:, chosen]).all(axis=-1))
+        total = np.where(seen[..., None], some[:, chosen], 0.0).sum(axis=1)
+        count = seen.sum(axis=1)
+        middle: Floats = total / np.where(count > 0, count, np.nan)[:, None]
+        return middle
+
+    def on(segment: str, name: str, low: float, high: float) -> list[int]:
+        return [
+            i
+            for i, mark in enumerate(landmarks)
+            if mark is not None
+            and SEGMENTS[mark.segment].endswith(segment)
+            and mark.name.startswith(name)
+            and low < mark.local[0] < high
+        ]
+
+    sides = [on("pelvis", side, -1, 1) or on("thigh", side, -1, 1) for side in ("left", "right")]
+    feet = [
+        (on("foot", side, 0.05, 1), on("foot", side, -1, 0) or on("shank", side, -1, 1))
+        for side in ("left", "right")
+    ]
+    feet = [(toe, heel) for toe, heel in feet if toe and heel]
+    trunk = [on(segment, "", -1, 1) for segment in ("chest", "pelvis", "shank")]
+    trunk = [markers for markers in trunk if markers]
+    if not all(sides) or not feet or len(trunk) < 2:
+        return False
+    ahead = np.cross(mean(sides[0]) - mean(sides[1]), mean(trunk[0]) - mean(trunk[1]))
+    shares = []
+    for toe, heel in feet:
+        foot = mean(toe) - mean(heel)
+        size = np.linalg.norm(foot, axis=1) * np.linalg.norm(ahead, axis=1)
+        cosine = np.sum(foot * ahead, axis=1) / np.where(size > 1e-9, size, np.nan)
+        if np.isfinite(cosine).any():
+            shares.append(float(np.nanmedian(cosine)))
+    return bool(shares) and max(shares) < -0.5
+
+
+def _trunk_marked(on: list[str]) -> bool:
+    """Whether segments ``on`` which markers sit say how the trunk is turned."""
+    girdle = {"left_clavicle", "right_clavicle"} <= set(on)
+    return max(on.count("pelvis"), on.count("chest")) >= 3 or (girdle and on.count("pelvis") >= 2)
+
+
 def _one_subject(
     labels: tuple[str, ...], landmarks: tuple[Landmark | None, ...], notes: list[str]
 ) -> tuple[Landmark | None, ...]:
@@ -159,18 +219,18 @@ def _one_subject(
 
     Several people in one file are told apart by the prefix of their labels (``anna:LFHD``).
     """
-    prefixes = [label.rpartition(":")[0] for label in labels]
+    prefixes = subjects(labels)
     known = [p for p, mark in zip(prefixes, landmarks, strict=True) if mark is not None]
     names = [mark.name for mark in landmarks if mark is not None]
-    subjects = sorted(set(known), key=lambda p: (-known.count(p), prefixes.index(p)))
-    if len(subjects) < 2 or len(set(names)) == len(names):
+    people = sorted(set(known), key=lambda p: (-known.count(p), prefixes.index(p)))
+    if len(people) < 2 or len(set(names)) == len(names):
         return landmarks
     notes.append(
-        f"{len(subjects)} subjects are in the file: {subjects[0] or 'the one without a name'} was "
-        f"taken, {', '.join(s or 'one without a name' for s in subjects[1:])} left out"
+        f"{len(people)} subjects are in the file: {people[0] or 'the one without a name'} was "
+        f"taken, {', '.join(s or 'one without a name' for s in people[1:])} left out"
     )
     return tuple(
-        mark if prefix == subjects[0] else None
+        mark if prefix == people[0] else None
         for prefix, mark in zip(prefixes, landmarks, strict=True)
     )
 
@@ -234,6 +294,8 @@ def _supported(model: MarkerModel, position: Floats) -> Bools:
     valid = np.ones(len(position), dtype=bool)
     for limb, parts in _LIMBS.items():
         on = np.isin(model.segment, [SEGMENT[part] for part in parts])
+        if limb == "trunk" and on.sum() < 4:  # hips and shoulders as video has them
+            on |= np.isin(model.segment, [SEGMENT["left_clavicle"], SEGMENT["right_clavicle"]])
         needed = 3 if limb == "trunk" else min(2, int(on.sum()))
         valid &= seen[:, on].sum(axis=1) >= needed
     return valid
@@ -361,8 +423,10 @@ def _with_feet(model: MarkerModel, expected_x: Floats) -> ActorShape:
     tip, heel = shape.tip.copy(), shape.heel.copy()
     for side, name in enumerate(("left_foot", "right_foot")):
         foot, on = SEGMENT[name], model.segment == SEGMENT[name]
+        if on.sum() < 2:
+            continue
         expected, fitted = np.ptp(expected_x[on]), np.ptp(model.local[on, 0])
-        if on.sum() >= 2 and expected > 0.08:
+        if expected > 0.08:
             ratio = float(np.clip(fitted / expected, 0.8, 1.25))
             tip[foot, 0], heel[side, 0] = ratio * tip[foot, 0], ratio * heel[side, 0]
     return ActorShape.standing(shape.name, shape.mass, shape.offset, tip, heel)
