@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from physretarget.face.place import Placed, lengths, shortest_path
-from physretarget.face.screen import Method, ScreenSettings, Windows, fit_windows
+from physretarget.face.joint import joint_paths
+from physretarget.face.place import Placed, cut_confidence, lengths, shortest_path
+from physretarget.face.screen import Method, ScreenSettings, Windows, window_costs
 from physretarget.face.templates import Bank
 
 Array = NDArray[np.float64]
@@ -22,6 +24,7 @@ class CoverSettings:
     fidelity: misfit (of the channel's range) that counts as one unit. key_cost: price of a key.
     inner_key: the share of it that keys inside
     a phrase cost. prior: weight of how common a template is. longest: longest span in seconds.
+    lag: frames that a channel may lead or trail its group. temperature: of the confidence.
     """
 
     fidelity: float = 0.01
@@ -30,6 +33,8 @@ class CoverSettings:
     prior: float = 1.0
     longest: float = 4.0
     phrases: bool = False
+    lag: int = 2
+    temperature: float = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,10 +50,6 @@ class Job:
     weight: Array
     barred: NDArray[np.bool_]
 
-    def windows(self, rows: slice) -> Windows:
-        """Some channels end to end, in single precision."""
-        return Windows.of(self.values[rows], self.smooth[rows], self.weight[rows])
-
     def part(self, channel: int, frames: slice) -> Job:
         """Some frames of one channel."""
         one = slice(channel, channel + 1)
@@ -60,6 +61,38 @@ class Job:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class Priced:
+    """Every window of every channel with its cheapest template.
+
+    cost (C, M, L): price of the window that ends at a frame with length spans[l]; best likewise:
+    the template's number, spans before phrases; known: how many spans there are.
+    """
+
+    cost: NDArray[np.float32]
+    best: NDArray[np.int32]
+    spans: NDArray[np.intp]
+    known: int
+
+    def placed(self, channel: int, path: list[tuple[int, int]]) -> list[Placed]:
+        """The templates along a path of (end frame, number of the length)."""
+        chain = []
+        for j, x in path:
+            number = int(self.best[channel, j, x])
+            phrase = number >= self.known
+            template = number - self.known if phrase else number
+            chain.append(Placed(j - int(self.spans[x]), j, template, phrase))
+        return chain
+
+
+@dataclass(frozen=True, eq=False)
+class Covered:
+    """Per channel its chain of templates; confidence (C, M) that a cut lies within a frame."""
+
+    chains: list[list[Placed]]
+    confidence: Array
+
+
 def cover(
     job: Job,
     fps: float,
@@ -67,13 +100,38 @@ def cover(
     method: Method,
     settings: CoverSettings,
     screen: ScreenSettings,
-) -> list[list[Placed]]:
-    """Segments for every channel; none runs across a barred frame."""
+    together: Sequence[Sequence[int]] = (),
+) -> Covered:
+    """The cheapest chains; none runs across a barred frame.
+
+    together: channels that share one placement, but for small lags.
+    """
+    priced = price(job, fps, bank, method, settings, screen)
+    paths = shortest_path(priced.cost, priced.spans)
+    for members in together:
+        rows = np.asarray(members, dtype=np.intp)
+        joint = joint_paths(priced.cost[rows], priced.spans, settings.lag)
+        for row, path in zip(members, joint, strict=True):
+            paths[row] = path
+    sure = cut_confidence(priced.cost, priced.spans, settings.temperature)
+    return Covered([priced.placed(c, path) for c, path in enumerate(paths)], sure)
+
+
+def price(
+    job: Job,
+    fps: float,
+    bank: Bank,
+    method: Method,
+    settings: CoverSettings,
+    screen: ScreenSettings,
+) -> Priced:
+    """Lay every template over every window."""
     channels, frames = job.values.shape
     spans = lengths(frames, fps, settings.longest)
     cost = np.full((channels, frames, len(spans)), np.inf, dtype=np.float32)
     best = np.zeros((channels, frames, len(spans)), dtype=np.int32)
     coarse = set(_coarse(spans, fps)) if settings.phrases else set()
+    capture = Windows.of(job.values, job.smooth, job.weight)
     for index, n in enumerate(spans):
         offers = [_spans_offer(bank, int(n), fps, settings)]
         if int(n) in coarse:
@@ -81,19 +139,10 @@ def cover(
         weight = np.float32((n + 1) * (30.0 / fps) / (2.0 * settings.fidelity**2))
         for offer in offers:
             if offer is not None:
-                _bid(cost, best, index, offer, job, weight, int(n), method, screen)
+                _bid(cost, best, index, offer, capture, weight, int(n), method, screen)
     if job.barred.any():
         _bar(cost, spans, job.barred)
-    known = len(bank.spans)
-    return [
-        [_placed(j - int(spans[x]), j, int(best[c, j, x]), known) for j, x in path]
-        for c, path in enumerate(shortest_path(cost, spans))
-    ]
-
-
-def _placed(first: int, last: int, number: int, spans: int) -> Placed:
-    phrase = number >= spans
-    return Placed(first, last, number - spans if phrase else number, phrase)
+    return Priced(cost, best, spans, len(bank.spans))
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,29 +201,30 @@ def _bid(
     best: NDArray[np.int32],
     index: int,
     offer: Offer,
-    job: Job,
+    capture: Windows,
     weight: np.float32,
     n: int,
     method: Method,
     screen: ScreenSettings,
 ) -> None:
     """Keep, per channel and end frame, the cheaper of what is known and the best of the offer."""
-    channels, frames = job.values.shape
+    channels, frames = cost.shape[:2]
     starts = np.arange(frames - n)
     step = max(1, _BLOCK // (max(1, len(offer.numbers)) * frames))
     for first in range(0, channels, step):
         block = slice(first, first + step)
-        count = len(job.values[block])
-        fit = fit_windows(
-            job.windows(block),
-            (np.arange(count)[:, None] * frames + starts).ravel(),
+        rows = np.arange(channels)[block]
+        count = len(rows)
+        own = window_costs(
+            capture,
+            (rows[:, None] * frames + starts).ravel(),
             n,
             offer.shapes,
             method,
             screen,
             offer.amplitudes,
         )
-        total = fit.cost * weight + offer.price
+        total = own * weight + offer.price
         pick = np.argmin(total, axis=1)
         low = np.take_along_axis(total, pick[:, None], 1).reshape(count, -1)
         better = low < cost[block, n:, index]

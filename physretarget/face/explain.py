@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from physretarget.face.cover import CoverSettings, Job
 from physretarget.face.curve import Curve
 from physretarget.face.library import Library
 from physretarget.face.place import Placed
-from physretarget.face.screen import Method, ScreenSettings, Windows, fit_windows
-from physretarget.face.templates import Bank
+from physretarget.face.screen import Method, ScreenSettings, Windows, window_costs
+from physretarget.face.templates import Bank, Template
 
 Array = NDArray[np.float64]
 
@@ -22,8 +23,10 @@ class Piece:
 
     start, end: seconds in the take. shot, channel, source_start, source_end: the segment in the
     library (s). stretch: duration here over duration there. amplitude: height here over there.
-    error: root mean square misfit as a fraction of what the channel moves. margin: how much worse,
-    relatively, the next different template fits; low_margin: too little to be sure.
+    error: root mean square misfit as a fraction of what the channel moves. runner_up: a shot whose
+    shape, another one, comes next; margin: by how much that is dearer, in prices of a key.
+    confidence: share of all near-best placements that cut where this piece begins and ends, the
+    lesser of both; None if the placement knows no others. doubtful: too little to rely on.
     fitted: a gap that the paper's placement left open. alike: how many segments share the shape.
     """
 
@@ -37,85 +40,121 @@ class Piece:
     stretch: float
     amplitude: float
     error: float
+    runner_up: str
     margin: float
-    low_margin: bool
+    confidence: float | None
+    doubtful: bool
     fitted: bool
     alike: int
 
 
+def runners_up(
+    chains: list[list[Placed]],
+    job: Job,
+    fps: float,
+    bank: Bank,
+    method: Method,
+    settings: CoverSettings,
+    screen: ScreenSettings,
+) -> dict[tuple[int, int], tuple[int, float]]:
+    """Channel and first frame of every piece → next best template of its kind, how much dearer.
+
+    Dearer in prices of a key, by the method's own measure. All pieces of one length at once.
+    """
+    alike: dict[tuple[bool, int], list[tuple[int, Placed]]] = {}
+    for channel, chain in enumerate(chains):
+        for piece in chain:
+            alike.setdefault((piece.phrase, piece.last - piece.first), []).append((channel, piece))
+    capture = Windows.of(job.values, job.smooth, job.weight)
+    frames = job.values.shape[1]
+    found: dict[tuple[int, int], tuple[int, float]] = {}
+    for (phrase, n), members in alike.items():
+        templates = bank.phrases if phrase else bank.spans
+        if len(templates) < 2:
+            continue
+        amplitudes = None
+        if phrase:
+            most = np.array([t.amplitudes.max() for t in templates], dtype=np.float32)
+            amplitudes = (np.zeros_like(most), most * np.float32(screen.amplitude[1]))
+        shapes = bank.phrase_shapes(n) if phrase else bank.span_shapes(n)
+        starts = np.array([c * frames + p.first for c, p in members])
+        cost = window_costs(capture, starts, n, shapes, method, screen, amplitudes)
+        common = np.log([len(t.segments) for t in templates]) * settings.prior
+        price = cost * ((n + 1) * (30.0 / fps) / (2.0 * settings.fidelity**2)) - common
+        rows = np.arange(len(members))
+        chosen = np.array([p.template for _, p in members])
+        own = price[rows, chosen].copy()
+        price[rows, chosen] = np.inf
+        other = np.argmin(price, axis=1)
+        dearer = np.maximum(price[rows, other] - own, 0.0) / settings.key_cost
+        for row, (channel, piece) in enumerate(members):
+            found[channel, piece.first] = int(other[row]), float(dearer[row])
+    return found
+
+
 def explain(
-    placed: list[Placed],
+    chain: list[Placed],
     table: Array,
-    piece_of: tuple[int, ...],
     bank: Bank,
     library: Library,
     values: Array,
-    smooth: Array,
     fps: float,
     start: float,
-    method: Method,
-    screen: ScreenSettings,
-    low_margin: float,
+    others: dict[int, tuple[int, float]],
+    confidence: Array,
+    least: float,
 ) -> tuple[Piece, ...]:
-    """One Piece for every placed template."""
+    """One Piece for every placed template; others: first frame → runner-up; confidence (M,)."""
     output = Curve.from_table(table).evaluate(np.arange(len(values), dtype=np.float64))
     squared = (output - values) ** 2
     pieces = []
-    for piece in placed:
-        template = (bank.phrases if piece.phrase else bank.spans)[piece.template]
+    for piece in chain:
+        templates = bank.phrases if piece.phrase else bank.spans
         seconds = (piece.last - piece.first) / fps
-        which = template.nearest(seconds)
-        source = template.segments[which].tolist()
-        example = library.examples[source[0]]
-        first, last = example.curve.keys[source[1]], example.curve.keys[source[2]]
-        margin = _margin(piece, bank, values, smooth, method, screen)
+        told = _origin(templates[piece.template], seconds, library)
         height = float(np.ptp(output[piece.first : piece.last + 1]))
-        there = float(template.amplitudes[which])
-        error = float(np.sqrt(squared[piece.first : piece.last + 1].mean()))
+        there = told.amplitude
+        sure = float(min(confidence[piece.first], confidence[piece.last]))
+        other, margin = others.get(piece.first, (-1, 0.0))
+        name = _origin(templates[other], seconds, library).shot if other >= 0 else ""
         pieces.append(
-            Piece(
-                start + piece.first / fps,
-                start + piece.last / fps,
-                example.shot,
-                example.channel,
-                first.time,
-                last.time,
-                template.keys,
-                seconds / float(template.durations[which]),
-                height / there if there > 0 else 1.0,
-                error,
-                margin,
-                bool(margin < low_margin),
-                piece.fitted,
-                len(template.segments),
+            replace(
+                told,
+                start=start + piece.first / fps,
+                end=start + piece.last / fps,
+                amplitude=height / there if there > 0 else 1.0,
+                error=float(np.sqrt(squared[piece.first : piece.last + 1].mean())),
+                runner_up=name,
+                margin=margin,
+                confidence=sure if np.isfinite(sure) else None,
+                doubtful=bool(sure < least),
+                fitted=piece.fitted,
             )
         )
     return tuple(pieces)
 
 
-def _margin(
-    piece: Placed, bank: Bank, values: Array, smooth: Array, method: Method, screen: ScreenSettings
-) -> float:
-    """Relative distance in error to the best other template of the same kind on the same frames."""
-    n = piece.last - piece.first
-    amplitudes = None
-    if piece.phrase:
-        most = np.array([t.amplitudes.max() for t in bank.phrases], dtype=np.float32)
-        amplitudes = (np.zeros_like(most), most * np.float32(screen.amplitude[1]))
-    shapes = bank.phrase_shapes(n) if piece.phrase else bank.span_shapes(n)
-    if len(shapes) < 2:
-        return 1.0
-    capture = Windows.of(values[None], smooth[None], np.ones((1, len(values))))
-    fit = fit_windows(
-        capture,
-        np.array([piece.first]),
-        n,
-        shapes,
-        "distance",
-        screen,
-        amplitudes,
+def _origin(template: Template, seconds: float, library: Library) -> Piece:
+    """The segment of a template that needs the least stretching; amplitude is its own."""
+    which = template.nearest(seconds)
+    index, left, right = template.segments[which].tolist()
+    example = library.examples[index]
+    first, last = example.curve.keys[left], example.curve.keys[right]
+    return Piece(
+        start=0.0,
+        end=seconds,
+        shot=example.shot,
+        channel=example.channel,
+        source_start=first.time,
+        source_end=last.time,
+        keys=template.keys,
+        stretch=seconds / float(template.durations[which]),
+        amplitude=float(template.amplitudes[which]),
+        error=0.0,
+        runner_up="",
+        margin=0.0,
+        confidence=None,
+        doubtful=False,
+        fitted=False,
+        alike=len(template.segments),
     )
-    errors = np.sqrt(fit.squared[0].astype(np.float64))
-    own = errors[piece.template]
-    other = float(np.delete(errors, piece.template).min())
-    return float(max(0.0, (other - own) / max(other, 1e-9)))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
-from physretarget.face.cover import CoverSettings, Job, cover
+from physretarget.face.cover import Covered, CoverSettings, Job, cover
 from physretarget.face.place import Placed, lengths
-from physretarget.face.screen import Method, ScreenSettings, Windows, fit_windows
+from physretarget.face.screen import Method, ScreenSettings, Windows, window_costs
 from physretarget.face.templates import Bank
 
 
@@ -18,13 +20,19 @@ def greedy_cover(
     method: Method,
     settings: CoverSettings,
     screen: ScreenSettings,
-) -> list[list[Placed]]:
+    together: Sequence[Sequence[int]] = (),
+) -> Covered:
     """Phrases of four keys and more claim frames where their error is below the fidelity.
 
-    What nobody claims is a gap: covered by fitted spans and marked so.
+    What nobody claims is a gap: covered by fitted spans and marked so. It knows no alternatives,
+    so its confidence is not known, and it does not place channels together.
     """
     channels, frames = job.values.shape
     claimed = job.barred.copy()
+    captures = [
+        Windows.of(job.values[c, None], job.smooth[c, None], job.weight[c, None])
+        for c in range(channels)
+    ]
     found: list[list[Placed]] = [[] for _ in range(channels)]
     tried = lengths(frames, fps, settings.longest)
     longest_first = [int(n) for n in tried[::-3] if n >= 6]
@@ -41,7 +49,7 @@ def greedy_cover(
                 _claim(
                     found[c],
                     claimed[c],
-                    job.windows(slice(c, c + 1)),
+                    captures[c],
                     n,
                     known,
                     shapes,
@@ -50,7 +58,8 @@ def greedy_cover(
                     settings.fidelity,
                     screen,
                 )
-    return [_fill(found[c], job, c, fps, bank, method, settings, screen) for c in range(channels)]
+    chains = [_fill(found[c], job, c, fps, bank, method, settings, screen) for c in range(channels)]
+    return Covered(chains, np.full(job.values.shape, np.nan))
 
 
 def _claim(
@@ -71,7 +80,7 @@ def _claim(
         starts = np.flatnonzero(busy[n:-1] - busy[1:-n] == 0)
         if not len(starts):
             return
-        fit = fit_windows(
+        cost = window_costs(
             capture,
             starts,
             n,
@@ -80,7 +89,7 @@ def _claim(
             screen,
             bounds,
         )
-        score = np.where(fit.squared <= fidelity**2, fit.cost, np.inf)
+        score = np.where(cost <= fidelity**2, cost, np.inf)
         best = int(np.argmin(score))
         row, column = divmod(best, score.shape[1])
         if not np.isfinite(score[row, column]):
@@ -109,7 +118,7 @@ def _fill(
             if until - edge < 2:
                 chain.append(Placed(edge, until, 0, fitted=True))
             else:
-                gap = cover(part, fps, bank, method, settings, screen)[0]
+                gap = cover(part, fps, bank, method, settings, screen).chains[0]
                 chain += [
                     Placed(p.first + edge, p.last + edge, p.template, p.phrase, True) for p in gap
                 ]

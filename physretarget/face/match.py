@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from physretarget.errors import InputError, UsageError
 from physretarget.face.cover import CoverSettings, Job, cover
 from physretarget.face.curve import Curve, Key
-from physretarget.face.explain import Piece, explain
+from physretarget.face.explain import Piece, explain, runners_up
 from physretarget.face.greedy import greedy_cover
 from physretarget.face.join import assemble
 from physretarget.face.library import Library
@@ -26,7 +26,7 @@ from physretarget.face.warp import fit, within_range
 
 Array = NDArray[np.float64]
 Banks = dict[tuple[str, ...], Bank]
-PLACEMENTS = ("optimal", "greedy")
+PLACEMENTS = ("optimal", "greedy", "joint")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,9 +35,10 @@ class MatchSettings:
 
     fidelity: misfit, as a fraction of what the channel moves, that is worth one unit of price: low
     replicates the capture, high deviates (the paper's threshold). key_cost: price of one key: low
-    is dense, high sparse. placement: ``optimal`` or the paper's ``greedy``.
+    is dense, high sparse. placement: ``optimal``, the paper's ``greedy``, or ``joint``:
+    optimal for each rig group together, its channels keyed at one time but for small lags.
     phrases: the optimal one may take segments of more than two keys as well, at twice the time.
-    lips: match them too.
+    lips: match them too. least_confidence: pieces below it are flagged as doubtful.
     """
 
     method: Method = "distance"
@@ -46,7 +47,7 @@ class MatchSettings:
     placement: str = "optimal"
     phrases: bool = False
     lips: bool = False
-    low_margin: float = 0.1
+    least_confidence: float = 0.5
     screen: ScreenSettings = field(default_factory=ScreenSettings)
 
     def __post_init__(self) -> None:
@@ -150,10 +151,13 @@ def match(
     _check_locked(locked or {}, matched, driven)
     kept = {} if banks is None else banks
     results: dict[str, ChannelResult] = {}
-    for group in dict.fromkeys(c.group for c in matched):
-        progress(group)
-        bank = _bank(library, rig, group, chosen.phrases or chosen.placement == "greedy", kept)
-        members = [c for c in matched if c.group == group]
+    borrowing: dict[tuple[str, ...], list[RigChannel]] = {}
+    for channel in matched:
+        borrowing.setdefault(tuple(rig.library.get(channel.group, ())), []).append(channel)
+    for members in borrowing.values():  # groups that borrow from the same are matched at once
+        progress(", ".join(dict.fromkeys(c.group for c in members)))
+        phrases = chosen.phrases or chosen.placement == "greedy"
+        bank = _bank(library, rig, members[0].group, phrases, kept)
         results |= _group(driven, members, bank, library, chosen, locked or {})
     ordered = {c.name: results[c.name] for c in matched}
     return Result(driven, ordered, chosen, driven.notes)
@@ -228,16 +232,34 @@ def _group(
     prices = CoverSettings(
         fidelity=settings.fidelity, key_cost=settings.key_cost, phrases=settings.phrases
     )
-    place = cover if settings.placement == "optimal" else greedy_cover
-    placed = place(job.dense, take.fps, bank, settings.method, prices, settings.screen)
+    place = greedy_cover if settings.placement == "greedy" else cover
+    together = _rows_by_group(job) if settings.placement == "joint" else []
+    covered = place(job.dense, take.fps, bank, settings.method, prices, settings.screen, together)
+    placed = covered.chains
     last = len(take.time) - 1
-    for row in np.flatnonzero(np.ptp(job.dense.values, axis=1) < 1e-9):
+    for row in np.flatnonzero(np.ptp(job.dense.values, axis=1) < 1e-9).tolist():
         if not job.locked[row]:  # a channel at rest is one hold, however long
             placed[row] = [Placed(0, last, 0)]
+    others = runners_up(placed, job.dense, take.fps, bank, settings.method, prices, settings.screen)
+    by_row: list[dict[int, tuple[int, float]]] = [{} for _ in channels]
+    for (row, first), other in others.items():
+        by_row[row][first] = other
     return {
-        channel.name: _channel(take, job, row, placed[row], bank, library, settings)
+        channel.name: _channel(
+            take, job, row, placed[row], bank, library, settings, by_row[row],
+            covered.confidence[row],
+        )
         for row, channel in enumerate(channels)
-    }
+    }  # fmt: skip
+
+
+def _rows_by_group(job: _Group) -> list[list[int]]:
+    """Rows of channels that share a rig group and move at all."""
+    groups: dict[str, list[int]] = {}
+    for row, channel in enumerate(job.channels):
+        if np.ptp(job.dense.values[row]) >= 1e-9 and not job.locked[row]:
+            groups.setdefault(channel.group, []).append(row)
+    return [rows for rows in groups.values() if len(rows) > 1]
 
 
 def _channel(
@@ -248,6 +270,8 @@ def _channel(
     bank: Bank,
     library: Library,
     settings: MatchSettings,
+    others: dict[int, tuple[int, float]],
+    confidence: Array,
 ) -> ChannelResult:
     channel, unit, base = job.channels[row], job.unit[row], job.base[row]
     pinned = {
@@ -263,16 +287,14 @@ def _channel(
     pieces = explain(
         placed,
         table,
-        piece_of,
         bank,
         library,
         job.dense.values[row],
-        job.dense.smooth[row],
         take.fps,
         take.time[0],
-        settings.method,
-        settings.screen,
-        settings.low_margin,
+        others,
+        confidence,
+        settings.least_confidence,
     )
     unitless = Curve.from_table(table)
     error = unitless.evaluate(np.arange(len(take.time), dtype=np.float64)) - job.dense.values[row]

@@ -69,6 +69,41 @@ def shortest_path(
     return paths
 
 
+def cut_confidence(
+    cost: NDArray[np.float32], spans: NDArray[np.intp], temperature: float, reach: int = 1
+) -> Array:
+    """(C, M) share of all chains, each weighed by exp(-price / temperature), with a cut near.
+
+    A cut is near if within ``reach`` frames: the sum over chains of what shortest_path takes the
+    best of, by the forward and backward recursions of hidden Markov models.
+    """
+    channels, frames, _ = cost.shape
+    gain = -cost / np.float32(temperature)
+    ahead = np.full((channels, frames), -np.inf)
+    behind = np.full((channels, frames), -np.inf)
+    ahead[:, 0] = behind[:, -1] = 0.0
+    for j in range(1, frames):
+        usable = int(np.searchsorted(spans, j, side="right"))
+        ahead[:, j] = _log_sum(ahead[:, j - spans[:usable]] + gain[:, j, :usable])
+        i = frames - 1 - j
+        ends = i + spans[:usable]
+        behind[:, i] = _log_sum(behind[:, ends] + gain[:, ends, np.arange(usable)])
+    cuts = np.exp(np.minimum(ahead + behind - ahead[:, -1:], 0.0))
+    padded = np.pad(cuts, ((0, 0), (reach, reach)))
+    near = np.sum([padded[:, k : k + frames] for k in range(2 * reach + 1)], axis=0)
+    return np.asarray(np.minimum(near, 1.0), dtype=np.float64)
+
+
+def _log_sum(rows: Array) -> Array:
+    if not rows.shape[1]:
+        return np.full(len(rows), -np.inf)
+    top = rows.max(axis=1)
+    safe = np.where(np.isfinite(top), top, 0.0)
+    with np.errstate(divide="ignore"):
+        total: Array = np.log(np.exp(rows - safe[:, None]).sum(axis=1)) + safe
+    return total
+
+
 def weighted_intervals(
     first: NDArray[np.intp], last: NDArray[np.intp], price: Array, frames: int, idle: float
 ) -> list[int]:

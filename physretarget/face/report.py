@@ -183,7 +183,7 @@ def _source(piece: Piece, examples: Mapping[tuple[str, str], Curve]) -> SourceSp
         piece.amplitude, piece.error, piece.margin, piece.alike, curve,
     )  # fmt: skip
     kind: SpanKind = "fitted" if piece.fitted else "matched"
-    return SourceSpan(piece.start, piece.end, kind, origin, piece.low_margin)
+    return SourceSpan(piece.start, piece.end, kind, origin, piece.doubtful)
 
 
 def write_report(path: str | PathLike[str], report: TakeReport) -> None:

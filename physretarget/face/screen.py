@@ -63,18 +63,11 @@ class Windows:
         return cls(flat[0], flat[1], flat[2], pace.astype(np.float32).reshape(-1, 2))
 
 
-@dataclass(frozen=True, eq=False)
-class Fit:
-    """(R, S) R windows under S templates, per frame.
-
-    squared: weighted squared residual of the values. cost: what the method ranks and pays by.
-    """
-
-    squared: Array32
-    cost: Array32
+_Feature = tuple[Array32, Array32, Array32]
+"""Windows (R, m), shapes (S, m) and gains (R, 1) or (R, S): what (windows - gain shapes) is of."""
 
 
-def fit_windows(
+def window_costs(
     capture: Windows,
     starts: NDArray[np.intp],
     n: int,
@@ -82,14 +75,17 @@ def fit_windows(
     method: Method,
     settings: ScreenSettings,
     amplitudes: tuple[Array32, Array32] | None = None,
-) -> Fit:
-    """Fit shapes (S, n+1) to windows of n+1 frames; amplitudes bounds (S,) mark phrases."""
+) -> Array32:
+    """(R, S) what the method holds against shapes (S, n+1) on windows of n+1 frames, per frame.
+
+    In units of squared values, whatever the method; amplitudes bounds (S,) mark phrases.
+    """
     ramp = np.linspace(0.0, 1.0, n + 1, dtype=np.float32)
     first, last = capture.smooth[starts], capture.smooth[starts + n]
     rise = (last - first)[:, None]
     level: Array32 = windows(capture.values, n + 1)[starts] - first[:, None]
     weight = windows(capture.weight, n + 1)[starts]
-    gain: NDArray[np.float32] = rise
+    gain: Array32 = rise
     base = shapes
     if amplitudes is not None:
         base = shapes - shapes[:, -1:] * ramp
@@ -97,30 +93,42 @@ def fit_windows(
         power = np.maximum(weight @ (base * base).T, 1e-12)
         gain = np.asarray((weight * level) @ base.T / power, np.float32)
         gain = np.clip(gain, amplitudes[0], amplitudes[1])
-    squared = _squared(level, base, gain, weight)
-    if method == "distance":
-        return Fit(squared, squared)
-    if method == "sax":
-        return Fit(squared, squared + _sax_part(level, base, rise, settings))
-    return Fit(
-        squared,
-        squared
-        + _hmm_part(capture, starts, n, base, gain, rise, weight, settings, amplitudes is not None),
-    )
+    features: list[_Feature] = [(level, base, gain)]
+    if method == "hmm" and n >= 3:
+        tilt = rise if amplitudes is not None else np.zeros_like(rise)
+        features += _hmm_features(capture, starts, n, base, gain, tilt, settings)
+    cost = _squared(features, weight)
+    return cost + _sax_part(level, base, rise, settings) if method == "sax" else cost
 
 
-def _squared(target: Array32, shapes: Array32, gain: Array32, weight: Array32) -> Array32:
-    """(R, S) weighted mean of (target - gain shape) squared."""
-    heavy = weight * target
-    energy = np.einsum("rn,rn->r", heavy, target)[:, None]
-    if gain.shape[1] == 1:  # one matrix product instead of four passes over its result
-        left = np.concatenate([heavy * (-2 * gain), weight * gain**2, energy], axis=1)
-        one = np.ones((len(shapes), 1), dtype=np.float32)
-        total = left @ np.concatenate([shapes, shapes * shapes, one], axis=1).T
-    else:
-        total = energy - 2 * gain * (heavy @ shapes.T) + gain * gain * (weight @ (shapes**2).T)
-    result: Array32 = np.maximum(total, 0.0) / np.float32(target.shape[1])
-    return result
+def _squared(features: list[_Feature], weight: Array32) -> Array32:
+    """(R, S) sum over features of the weighted mean of (windows - gain shapes) squared.
+
+    Expanded, so that one matrix product does it for all templates where gains are of the window.
+    """
+    widths = [target.shape[1] for target, _, _ in features]
+    if features[0][2].shape[1] > 1:
+        total = np.zeros((len(weight), len(features[0][1])), dtype=np.float32)
+        for (target, shapes, gain), m in zip(features, widths, strict=True):
+            heavy = weight[:, :m] * target
+            part = np.einsum("rn,rn->r", heavy, target)[:, None] - 2 * gain * (heavy @ shapes.T)
+            total += (part + gain * gain * (weight[:, :m] @ (shapes**2).T)) / np.float32(m)
+        return np.maximum(total, 0.0)
+    left = np.empty((len(weight), 2 * sum(widths) + 1), dtype=np.float32)
+    right = np.ones((len(features[0][1]), left.shape[1]), dtype=np.float32)
+    left[:, -1] = 0.0
+    at = 0
+    for (target, shapes, gain), m in zip(features, widths, strict=True):
+        cross, own = slice(at, at + m), slice(at + m, at + 2 * m)
+        share = np.float32(1.0 / m)
+        np.multiply(weight[:, :m], target, out=left[:, cross])
+        left[:, -1] += share * np.einsum("rn,rn->r", left[:, cross], target)
+        left[:, cross] *= -2 * share * gain
+        np.multiply(weight[:, :m], share * gain**2, out=left[:, own])
+        right[:, cross], right[:, own] = shapes, shapes * shapes
+        at += 2 * m
+    product: Array32 = left @ right.T
+    return np.maximum(product, 0.0, out=product)
 
 
 def _sax_part(level: Array32, shapes: Array32, rise: Array32, settings: ScreenSettings) -> Array32:
@@ -146,35 +154,32 @@ def _sax_part(level: Array32, shapes: Array32, rise: Array32, settings: ScreenSe
     return part
 
 
-def _hmm_part(
+def _hmm_features(
     capture: Windows,
     starts: NDArray[np.intp],
     n: int,
     shapes: Array32,
     gain: Array32,
-    rise: Array32,
-    weight: Array32,
+    tilt: Array32,
     settings: ScreenSettings,
-    phrases: bool,
-) -> Array32:
-    """Squared emission of slope and curvature under the even alignment.
+) -> list[_Feature]:
+    """Slope and curvature of windows and shapes, each over the channel's own spread.
 
-    With the values' part it bounds the squared Viterbi cost from above: the even alignment is a
-    path.
+    With the values these are the squared emissions of the even alignment, which bound the squared
+    Viterbi cost from above: the even alignment is a path.
     """
-    if n < 3:
-        return np.zeros((len(starts), len(shapes)), dtype=np.float32)
-    view = windows(capture.smooth, n + 1)[starts]
-    total = np.zeros((len(starts), len(shapes)), dtype=np.float32)
+    found: list[_Feature] = []
     for order, share in ((1, settings.slope), (2, settings.curvature)):
+        if share == 0:
+            continue
         scale: Array32 = np.float32(share) * capture.pace[starts, order - 1][:, None]
-        target = np.diff(view, n=order, axis=1).astype(np.float32)
-        if phrases and order == 1:
-            target -= rise / n
-        model = np.diff(shapes, n=order, axis=1)
-        inner = weight[:, order // 2 : n + 1 - (order + 1) // 2]
-        total += _squared(target * scale, model, gain * scale, inner)
-    return total
+        steep = np.diff(capture.smooth, n=order)
+        target = windows(steep, n + 1 - order)[starts]
+        if order == 1:
+            target -= tilt / n  # a copy: phrases have had their ramp taken off
+        target *= scale
+        found.append((target, np.diff(shapes, n=order, axis=1), gain * scale))
+    return found
 
 
 def align(example: Array, capture: Array, beta: float = 0.02) -> NDArray[np.intp]:
