@@ -106,13 +106,9 @@ def _directory(file: BinaryIO, path: Path, limits: Limits) -> int:
     tail = min(size, 22 + 0xFFFF + 20)
     file.seek(size - tail)
     content = file.read(tail)
-    at = content.rfind(_END, 0, None)
-    # The true record's comment reaches to the end of the file; another one inside it does not.
-    while at >= 0 and at + 22 + int.from_bytes(content[at + 20 : at + 22], "little") != len(
-        content
-    ):
-        at = content.rfind(_END, 0, at)
-    if at < 0:
+    at = content.rfind(_END)
+    # Its comment reaches to the end of the file, and holds no other end: readers differ there.
+    if at < 0 or at + 22 + int.from_bytes(content[at + 20 : at + 22], "little") != len(content):
         raise InputError("is no zip file, or has something after its end.", path=path)
     if content[max(0, at - 20) : at].startswith(_END64):
         raise _refuse(path, "is a zip64 archive, nothing that is accepted needs one")
@@ -190,8 +186,11 @@ def _check_name(name: str, folder: bool, path: Path, limits: Limits) -> None:
 
 def _check_places(members: list[_Member], directory: int, path: Path) -> None:
     """Members lie one after the other from the first byte to the directory, sharing nothing."""
+    ordered = sorted(members, key=lambda m: m.start)
+    if ordered[0].start != 0:
+        raise _refuse(path, "has something before its first member")
     last = 0
-    for member in sorted(members, key=lambda m: m.start):
+    for member in ordered:
         shown = printable(member.name)
         if member.start < last:
             raise _refuse(path, f"member {shown} overlaps another")

@@ -25,6 +25,7 @@ from physretarget.sandbox.warm import READY
 
 MODULES = ("physretarget.service.tasks", "physretarget.sandbox.trials")
 _START_S = 120.0
+_LAST_WORDS_S = 2.0
 
 
 class Pool:
@@ -69,6 +70,7 @@ class Pool:
         except child.ChildError as error:
             if error.error != child.LOST:
                 raise
+        self._bury()
         return run()  # the warm process died under it, which says nothing about the job
 
     def start(self) -> None:
@@ -123,6 +125,8 @@ class Pool:
 
     def _last_words(self) -> str:
         assert self._process is not None
+        with suppress(subprocess.TimeoutExpired):  # it hung up, and is about to say why
+            self._process.wait(_LAST_WORDS_S)
         self._process.kill()
         _, said = self._process.communicate()
         lines = [line for line in said.decode("utf-8", "replace").splitlines() if line.strip()]
@@ -138,6 +142,13 @@ class Pool:
             if self._process.stderr is not None:
                 self._process.stderr.close()
         self._control = self._process = None
+
+    def _bury(self) -> None:
+        """Clear away a warm process that is dying, so that the next job starts another."""
+        with self._lock, suppress(subprocess.TimeoutExpired):
+            if self._process is not None:
+                self._process.wait(_LAST_WORDS_S)
+                self._end()
 
     def _fork(self, request: bytes) -> Process:
         asked, request_end = os.pipe()

@@ -350,6 +350,11 @@ def appended() -> bytes:
     return raw_zip(Raw(), after=b"evil" * 100)
 
 
+@zip_case("another archive in the comment, which some readers see instead")
+def two_ends() -> bytes:
+    return raw_zip(Raw(), comment=raw_zip(Raw(content=b"<mujoco><plugin/></mujoco>")) + b"x")
+
+
 @zip_case("an empty archive")
 def empty_archive() -> bytes:
     return raw_zip()
