@@ -55,7 +55,7 @@ def create_app(service: Service) -> FastAPI:
     app.state.strangers = Rates(_STRANGERS_PER_MINUTE, int(_STRANGERS_PER_MINUTE))
     app.include_router(routes_system.open_router)
     for module in (routes_jobs, routes_results, routes_library, routes_system):
-        app.include_router(module.router, prefix="/api/v1")
+        app.include_router(module.router)
     pages.install(app)
     errors.install(app)
     app.add_middleware(Envelope, hosts=service.settings.hosts, metrics=service.metrics)

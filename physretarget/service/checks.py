@@ -21,6 +21,7 @@ from physretarget.sandbox.limits import Limits
 from physretarget.service.errors import ApiError
 from physretarget.service.home import Home, remove
 from physretarget.service.supervisor import Runner
+from physretarget.service.uploads import Upload
 
 _THREADS = 2
 _WAITING = 32
@@ -64,25 +65,59 @@ class Checks:
         finally:
             await asyncio.to_thread(remove, folder)
 
+    async def motion(
+        self,
+        upload: Upload,
+        *,
+        skeleton: Upload | None = None,
+        fps: float | None = None,
+        quat: str | None = None,
+    ) -> None:
+        """Read a clip or a capture as far as that goes without a model.
+
+        Raises:
+            ApiError: 422 it is refused, 503 too many wait already.
+        """
+        folder = self._home.incoming / f"motion-{secrets.token_hex(12)}"
+        try:
+            named = {role: str(_link(each, folder, role)) for role, each in
+                     (("path", upload), ("skeleton", skeleton)) if each}  # fmt: skip
+            request = {
+                "skeleton": None, **named, "fps": fps, "quat": quat,
+                "clip_frames": self._limits.clip_frames,
+            }  # fmt: skip
+            given = [each.path for each in (upload, skeleton) if each]
+            await self._run("check_clip", request, folder, *given)
+        finally:
+            await asyncio.to_thread(remove, folder)
+
     async def _run(
-        self, task: str, request: Mapping[str, Any], folder: Path, upload: Path
+        self, task: str, request: Mapping[str, Any], folder: Path, *inputs: Path
     ) -> dict[str, Any]:
         if self._waiting >= _WAITING:
             raise ApiError(503, "Too many uploads are being checked.", headers={"Retry-After": "5"})
-        folder.mkdir(mode=0o700)
+        folder.mkdir(mode=0o700, exist_ok=True)
         self._waiting += 1
         try:
             return await asyncio.get_running_loop().run_in_executor(
                 self._pool,
                 lambda: self._runner.run(
                     f"physretarget.service.tasks:{task}", request, folder=folder,
-                    limits=self._limits, inputs=(upload,),
+                    limits=self._limits, inputs=inputs,
                 ),
             )  # fmt: skip
         except ChildError as error:
             raise _refused(error) from error
         finally:
             self._waiting -= 1
+
+
+def _link(upload: Upload, folder: Path, role: str) -> Path:
+    """The upload under the name that its client gave it: readers go by a file's suffix."""
+    place = folder / role / upload.name
+    place.parent.mkdir(parents=True, mode=0o700)
+    place.symlink_to(upload.path)
+    return place
 
 
 def _refused(error: ChildError) -> ApiError:

@@ -19,7 +19,7 @@ from physretarget.service.service import Service
 from physretarget.service.submission import (
     FIELDS,
     FILES,
-    admit_model,
+    admit,
     draft,
     enqueue,
     same_or_conflict,
@@ -27,7 +27,7 @@ from physretarget.service.submission import (
 from physretarget.service.uploads import Bounds, received
 from physretarget.suite.queue import JobRecord
 
-router = APIRouter(tags=["jobs"])
+router = APIRouter(prefix="/api/v1", tags=["jobs"])
 _LOOK_S = 0.25
 Limit = Annotated[int, Query(ge=1, le=200)]
 Cursor = Annotated[str | None, Query(pattern=r"^[0-9a-z]{26}$")]
@@ -91,7 +91,7 @@ async def submit(
         drafted = await to_thread.run_sync(draft, form, service)
         known = await to_thread.run_sync(service.queue.find, idempotency) if idempotency else None
         if known is None:
-            admitted = await admit_model(form, service)
+            admitted = await admit(drafted, form, service)
             job, _ = await to_thread.run_sync(
                 enqueue, drafted, form, service, admitted, idempotency
             )

@@ -15,11 +15,11 @@ from physretarget.service.forms import clip_form, form_body, model_form
 from physretarget.service.routes_jobs import Cursor, Limit, Text
 from physretarget.service.schemas import Clip, ClipPage, Model, ModelPage
 from physretarget.service.service import Service
-from physretarget.service.uploads import NAME_CHARACTERS, Bounds, Form, received
+from physretarget.service.uploads import NAME_BYTES, Bounds, Form, received
 from physretarget.suite.queue import new_id, now
 from physretarget.suite.registry import ClipRecord, ModelRecord
 
-router = APIRouter(tags=["library"])
+router = APIRouter(prefix="/api/v1", tags=["library"])
 _UPLOAD = (400, 408, 413, 415, 422, *GUARDED)
 
 
@@ -48,6 +48,7 @@ async def add_clip(
         upload = form.file("file")
         if upload is None:
             raise ApiError(422, "A file is needed.", field="file")
+        await service.checks.motion(upload)
         made = await to_thread.run_sync(service.add_clip, upload)
     response.headers["Location"] = f"/api/v1/clips/{made.id}"
     return _shown_clip(made)
@@ -123,8 +124,8 @@ async def add_model(
 
 def _name(form: Form, filename: str) -> str:
     name = form.fields.get("name", "").strip() or filename
-    if len(name) > NAME_CHARACTERS or not name.isprintable():
-        raise ApiError(422, f"A name has up to {NAME_CHARACTERS} printable characters.",
+    if len(name.encode()) > NAME_BYTES or not name.isprintable():
+        raise ApiError(422, f"A name has up to {NAME_BYTES} bytes of printable characters.",
                        field="name")  # fmt: skip
     if name in NAMES:
         raise ApiError(422, f"{name} is a built-in model's name.", field="name")

@@ -18,7 +18,7 @@ from physretarget.service.schemas import Compared
 from physretarget.service.service import Service
 from physretarget.suite.queue import JobRecord
 
-router = APIRouter(tags=["results"])
+router = APIRouter(prefix="/api/v1", tags=["results"])
 
 FORMATS: dict[str, tuple[str, str]] = {
     "json": ("report.json", "application/json"),

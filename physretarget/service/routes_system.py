@@ -15,7 +15,7 @@ from physretarget.service.errors import ApiError, responses
 from physretarget.service.schemas import Health, QueueHealth, Ticket, TicketRequest
 
 open_router = APIRouter(tags=["system"])
-router = APIRouter(tags=["system"])
+router = APIRouter(prefix="/api/v1", tags=["system"])
 
 
 @open_router.get("/health", response_model=Health, responses=responses(421))

@@ -27,14 +27,14 @@ log = logging.getLogger("physretarget.service")
 
 
 class Service:
-    """Everything that lives as long as the server.
+    """Everything that lives as long as the server; ``pool`` starts the children, its own if None.
 
     Raises:
         InputError: the data folder or the history cannot be used.
         UsageError: another server holds the folder, or tokens are required and there are none.
     """
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: Settings, pool: Pool | None = None) -> None:
         self.settings = settings
         self.home = Home(settings.data)
         self.home.lock()
@@ -49,7 +49,8 @@ class Service:
             )
         self.tickets = Tickets()
         self.metrics = Metrics()
-        self.pool = Pool(("physretarget.service.tasks",))
+        self._owns_pool = pool is None
+        self.pool = pool or Pool(("physretarget.service.tasks",))
         self.checks = Checks(self.home, self.pool, settings.limits, settings.check_seconds)
         self.supervisor = Supervisor(
             self.queue, self.home, self.pool, limits=settings.limits, workers=settings.workers,
@@ -95,7 +96,8 @@ class Service:
         self.stopping = True
         self.supervisor.stop()
         self.checks.close()
-        self.pool.close()
+        if self._owns_pool:
+            self.pool.close()
         self.store.__exit__(None, None, None)
         self.home.unlock()
 

@@ -118,19 +118,27 @@ def _storable(text: str) -> str:
     return text if text.isascii() and text.isalnum() and len(text) <= 32 else ""
 
 
-async def admit_model(form: Form, service: Service) -> tuple[dict[str, Any], Path] | None:
-    """Check the form's model file, if there is one, and put its files in place.
+async def admit(drafted: Draft, form: Form, service: Service) -> tuple[dict[str, Any], Path] | None:
+    """Have what was uploaded looked at, and put a model's files in place, if there is one.
 
     Returns the model for a worker, and its folder.
+
+    Raises:
+        ApiError: 422 something is refused, 503 too many uploads wait.
     """
+    motion = form.file("clip") or form.file("capture")
+    if motion is not None:
+        await service.checks.motion(
+            motion, skeleton=form.file("skeleton"), fps=drafted.options.get("fps"),
+            quat=drafted.options.get("quat"),
+        )  # fmt: skip
     upload = form.file("model_file")
     if upload is None:
         return None
     facts, files = await service.checks.model(upload.path, upload.name, "")
-    id = new_id()
-    place = service.home.models / id
+    place = service.home.models / new_id()
     files.rename(place)
-    return {"folder": id, "main": str(facts["main"]), "once": True}, place
+    return {"folder": place.name, "main": str(facts["main"]), "once": True}, place
 
 
 def enqueue(

@@ -15,6 +15,7 @@ from typing import Any, cast
 
 from physretarget import capture
 from physretarget.clip import Clip, load_clip
+from physretarget.clip.load import CLIP_SUFFIXES
 from physretarget.errors import InputError
 from physretarget.keyposes import load_keyposes
 from physretarget.mjcf import Character
@@ -46,6 +47,7 @@ _SHARES = {
     "prepare": 0.30, "map": 0.35, "pose": 0.40, "place": 0.50, "contact": 0.55, "physics": 0.65,
 }  # fmt: skip
 _NICE = 10  # the server answers first
+_ANY_FPS = 30.0  # for a look at a clip that states none; whoever judges it has to know
 _FINDINGS = 200  # about a model that are kept
 
 
@@ -138,12 +140,25 @@ def check_model(request: Mapping[str, Any], folder: Path, progress: Progress) ->
 
 
 def check_clip(request: Mapping[str, Any], folder: Path, progress: Progress) -> dict[str, Any]:
-    """Read ``clip`` (a path) without a model, as far as that goes: InputError if it is none."""
+    """Read ``path``, a clip or a capture, as far as that goes without a model.
+
+    ``fps`` and ``quat`` are what its client tells, or None; ``skeleton`` the path of an AMC
+    capture's ASF file, or None.
+
+    Raises:
+        InputError: it is neither.
+        UnsafeInputError: it tries to run code or claims absurd sizes.
+    """
     os.nice(_NICE)
     progress(0.1, "read")
-    clip = load_clip(request["clip"], fps=request.get("fps"))
-    _check_frames(clip.frames, request)
-    return {"frames": clip.frames}
+    path = Path(request["path"])
+    if path.suffix.lower() in CLIP_SUFFIXES:
+        clip = load_clip(path, fps=request["fps"] or _ANY_FPS, quat=request["quat"])
+        _check_frames(clip.frames, request)
+    elif path.suffix.lower() != ".amc" or request["skeleton"]:
+        recording = capture.read(path, skeleton=request["skeleton"])
+        _check_frames(len(recording.time), request)
+    return {}
 
 
 def _model_findings(character: Character) -> list[dict[str, Any]]:

@@ -27,7 +27,7 @@ from physretarget.service.errors import ApiError
 
 FIELD_BYTES = 256 * 1024
 PARTS = 64
-NAME_CHARACTERS = 200
+NAME_BYTES = 200
 _LINGER_S, _LINGER_BYTES = 2.0, 64 * 2**20
 _GRACE_S = 20.0  # before the rate of an upload is looked at
 _OVERHEAD = 1024 * 1024  # of a body besides its files: fields, headers, boundaries
@@ -294,10 +294,15 @@ def _safe(filename: bytes) -> str:
     name = filename.decode("utf-8", "replace").replace("\\", "/").rpartition("/")[2]
     kept = _printable(name).strip(" .")
     stem, dot, suffix = kept.rpartition(".")
-    if dot and len(suffix) <= 16:
-        kept = f"{stem[: NAME_CHARACTERS - len(suffix) - 1]}.{suffix}"
-    return kept[:NAME_CHARACTERS] or "unnamed"
+    if not dot or len(suffix) > 16:
+        return _cut(kept, NAME_BYTES) or "unnamed"
+    return f"{_cut(stem, NAME_BYTES - len(suffix.encode()) - 1)}.{suffix}"
+
+
+def _cut(text: str, most: int) -> str:
+    """As many characters as fit into so many bytes: folders count bytes."""
+    return text.encode()[:most].decode("utf-8", "ignore")
 
 
 def _printable(text: str) -> str:
-    return "".join(c if c.isprintable() else "_" for c in text)[: 2 * NAME_CHARACTERS]
+    return "".join(c if c.isprintable() else "_" for c in text)[:1000]

@@ -69,7 +69,7 @@ def _side(side: PairSide, key: str) -> dict[str, Any]:
 
 
 def _embedded(text: str) -> Markup:
-    """JSON inside a script element: outside of strings JSON has no '<', inside it may be escaped."""
+    """JSON inside a script element: only its strings can hold a "<", and there it is escaped."""
     return Markup(text.replace("<", "\\u003c"))
 
 
