@@ -70,6 +70,8 @@ class Budget:
             return f"more than {self._limits.xml_elements} elements"
         if self._count["body"] > self._limits.model_bodies:
             return f"more than {self._limits.model_bodies} bodies"
+        if self._count["geom"] > self._limits.model_geoms:
+            return f"more than {self._limits.model_geoms} geoms"
         for name, value in attributes.items():
             wrong = self._attribute(tag, name, value)
             if wrong:
@@ -97,9 +99,11 @@ class Budget:
     def total(self) -> str | None:
         """What everything comes to, when all is counted."""
         most, count = self._most, self._count
-        pixels = 6 * count["texture"] * most["texture", "width"] * most["texture", "height"]
-        if pixels > 6 * self._limits.asset_pixels:
-            return f"textures of {pixels} pixels, at most {6 * self._limits.asset_pixels}"
+        # A cube has six sides one above the other, whatever height it is given.
+        width, height = most["texture", "width"], most["texture", "height"]
+        pixels = count["texture"] * width * max(height, 6 * width)
+        if pixels > 2 * self._limits.asset_pixels:
+            return f"textures of {pixels} pixels, at most {2 * self._limits.asset_pixels}"
         # What a number is asked for by, and how many elements may ask.
         numbers = (
             most["hfield", "nrow"] * most["hfield", "ncol"] * count["hfield"]

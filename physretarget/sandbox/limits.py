@@ -24,7 +24,7 @@ class Limits:
         name_bytes: one path inside an archive, UTF-8.
         name_depth: folders above a member.
         xml_bytes: all XML of a model, included files too.
-        xml_elements: all elements of a model.
+        xml_elements: all elements of a model, after replication.
         xml_depth: nesting of elements.
         xml_attribute_bytes: one attribute's text, except numbers of keyframes and meshes.
         xml_includes: files included by a model.
@@ -32,6 +32,7 @@ class Limits:
         asset_pixels: one picture.
         mesh_faces: all meshes of a model together; also vertices.
         model_bodies: bodies after replication.
+        model_geoms: geoms after replication; each may touch each other.
         model_numbers: numbers that a model may make MuJoCo allocate (heights, user data, ...).
         seconds: wall clock of a job.
         cpu_seconds: processor time of a job.
@@ -51,15 +52,16 @@ class Limits:
     archive_ratio: int = 200
     name_bytes: int = 240
     name_depth: int = 16
-    xml_bytes: int = 16 * MIB
-    xml_elements: int = 200_000
+    xml_bytes: int = 8 * MIB
+    xml_elements: int = 50_000
     xml_depth: int = 200
     xml_attribute_bytes: int = 4 * MIB
     xml_includes: int = 64
     asset_bytes: int = 256 * MIB
     asset_pixels: int = 8192 * 8192
     mesh_faces: int = 5_000_000
-    model_bodies: int = 5_000
+    model_bodies: int = 2_000
+    model_geoms: int = 5_000
     model_numbers: int = 20_000_000
     seconds: float = 300.0
     cpu_seconds: int = 600

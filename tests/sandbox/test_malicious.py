@@ -83,7 +83,7 @@ def request_of(case: Any, upload: Path) -> tuple[str, dict[str, Any]]:
             "upload": str(upload), "name": case.filename, "main": "", "limits": LIMITS.to_dict(),
         }  # fmt: skip
     about = {
-        "model": str(MODELS / "lamp.xml"), "options": {"fps": 30.0}, "clip_frames": 10**6,
+        "model": str(MODELS / "lamp.xml"), "options": case.options, "clip_frames": 10**6,
         "clip_name": case.filename, "model_name": "lamp",
     }  # fmt: skip
     if case.kind == "clip":
