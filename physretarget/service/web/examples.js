@@ -1,0 +1,25 @@
+// The clips that come with the page, for those who have none at hand.
+
+import { API, idempotencyKey, request, upload } from "/web/api.js";
+
+export const EXAMPLES = [
+  { file: "lamp-jump.npz", model: "lamp", title: "A lamp jumps" },
+  { file: "lamp-jump-before-physics.npz", model: "lamp", title: "The same jump before physics" },
+];
+
+/** The example as a file, as if it had been chosen. */
+export async function exampleFile(name) {
+  const content = await (await request(`/web/examples/${name}`)).blob();
+  return new File([content], name);
+}
+
+/** Submit an example as it is; the id of its job. */
+export async function tryExample({ file, model } = EXAMPLES[0]) {
+  const clip = new FormData(), form = new FormData();
+  clip.append("file", await exampleFile(file));
+  const { id } = await upload(`${API}/clips`, clip);
+  form.append("kind", "validate");
+  form.append("clip_id", id);
+  form.append("model", model);
+  return (await upload(`${API}/jobs`, form, { idempotency: idempotencyKey() })).id;
+}
