@@ -116,7 +116,8 @@ def _markers(labels: list[str], point: Mapping[str, Any]) -> tuple[list[int], li
     for i, label in enumerate(labels):
         bare = label.rsplit(":", 1)[-1]
         # Plug-in-Gait draws a segment's axes as four points: origin, anterior, lateral, proximal.
-        axes = len(bare) == 4 and all(bare[:3] + end in present for end in "OALP")
+        # LTOE and LTIB share their first letters with such points and are markers.
+        axes = re.fullmatch(r"\w{3}[OALP]", bare) and all(bare[:3] + e in present for e in "OALP")
         if _UNNAMED.match(bare):
             unnamed += 1
         elif label in listed or bare in listed or _MODEL_LABEL.search(bare) or axes:

@@ -15,6 +15,11 @@ from physretarget.errors import InputError, UnsafeInputError
 _BLOCK = 512
 _TYPES = (-1, 1, 2, 4)  # characters, bytes, 16-bit integers, floats
 _MIPS = 86
+# ezc3d takes the first value of these without looking whether there is one.
+_NUMBERS = (
+    ("POINT", "USED"), ("POINT", "RATE"), ("POINT", "SCALE"), ("POINT", "FRAMES"),
+    ("POINT", "DATA_START"), ("ANALOG", "USED"), ("ANALOG", "RATE"), ("ANALOG", "GEN_SCALE"),
+)  # fmt: skip
 # ezc3d reads the length as a signed byte: 128 becomes four gigabytes.
 _LONGEST_DESCRIPTION = 127
 
@@ -45,6 +50,10 @@ def check(content: bytes, path: str | Path) -> int:
     for name in ("LABELS", "RATE", "SCALE", "UNITS"):
         if points and ("POINT", name) not in parameters:
             raise InputError(f"the parameter POINT:{name} is missing", path=path)
+    for group, name in _NUMBERS:
+        kind, _, raw = parameters.get((group, name), (4, (), bytes(4)))
+        if kind < 1 or len(raw) < kind:
+            raise InputError(f"the parameter {group}:{name} holds no number", path=path)
     channels = _whole(parameters, "ANALOG", "USED", order) or 0
     per_frame = struct.unpack(order + "H", content[18:20])[0]
     if channels * per_frame != analog:

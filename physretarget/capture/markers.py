@@ -398,12 +398,16 @@ def _on_floor(
     else:
         floor = lowest
     tip, heel = shape.tip.copy(), shape.heel.copy()
+    flat = _heel_over_toe(at, valid, fps)
     for i, heights in enumerate(still):
         on = heights[np.abs(heights - floor) < 0.06]
-        if len(on) < 5:
-            continue
-        down = float(np.clip(np.median(on) - floor, -0.05, 0.05))
         side, is_toe = divmod(i, 2)
+        if len(on) >= 5:
+            down = float(np.clip(np.median(on) - floor, -0.05, 0.05))
+        elif (tilt := flat[side]) is not None:  # it stands elsewhere, on stairs: level at least
+            down = float(np.clip(-tilt if is_toe else tilt, 0.0, 0.05))
+        else:
+            continue
         foot = SEGMENT[("left_foot", "right_foot")[side]]
         if is_toe:
             tip[foot, 2] -= down
@@ -438,6 +442,19 @@ def _still_heights(at: Floats, valid: Bools, fps: float) -> list[Floats]:
         return [at[valid, i, 2] for i in range(at.shape[1])]
     speed = np.linalg.norm(np.gradient(at, axis=0), axis=-1) * fps
     return [at[valid & (speed[:, i] < 0.15), i, 2] for i in range(at.shape[1])]
+
+
+def _heel_over_toe(at: Floats, valid: Bools, fps: float) -> list[float | None]:
+    """How far (m) each heel is above its toe while both hardly move; None if they never do."""
+    if len(at) < 3:
+        return [None, None]
+    speed = np.linalg.norm(np.gradient(at, axis=0), axis=-1) * fps
+    tilts: list[float | None] = []
+    for heel in (0, 2):
+        still = valid & (speed[:, heel : heel + 2] < 0.15).all(axis=1)
+        tilt = at[still, heel, 2] - at[still, heel + 1, 2]
+        tilts.append(float(np.median(tilt)) if len(tilt) >= 5 else None)
+    return tilts
 
 
 def _named(

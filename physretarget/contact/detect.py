@@ -35,6 +35,10 @@ class DetectionSettings:
     are low-passed at ``lowpass_hz`` before speeds are taken. ``points`` to look at;
     ``floor_m`` the height of the floor, found from the feet if None; ``rest_spread`` how far
     a foot point's own rest height may lie from the floor, m.
+
+    Feet also stand on steps and platforms: where nothing touches the floor, a foot that stays
+    below ``speed_still`` for ``min_still`` s and has the pelvis ``upright`` m or more above it
+    bears the body; so does one that rests beside it at the same height.
     """
 
     height_on: float = 0.04
@@ -48,6 +52,9 @@ class DetectionSettings:
     points: tuple[str, ...] = CONTACT_POINTS
     floor_m: float | None = None
     rest_spread: float = 0.06
+    speed_still: float = 0.3
+    min_still: float = 0.12
+    upright: float = 0.55
 
 
 def detect_phases(motion: ActorMotion, *, settings: DetectionSettings | None = None) -> Phases:
@@ -93,7 +100,66 @@ def detect(
     for k in range(on.shape[1]):
         found[:, k] = _steadied(on[:, k], hold[:, k], time, step, settings)
     found &= known
+    found |= _on_steps(smooth, speed, found, time, names, scale, settings) & known
     return found
+
+
+def _on_steps(
+    position: Floats,
+    speed: Floats,
+    found: Bools,
+    time: Floats,
+    names: tuple[str, ...],
+    scale: float,
+    settings: DetectionSettings,
+) -> Bools:
+    """Feet that stand on something above the floor (T, n), as ``DetectionSettings`` has it."""
+    standing = np.zeros_like(found)
+    if "pelvis" not in names:
+        return standing
+    pelvis = position[:, names.index("pelvis"), 2]
+    feet = [k for k, name in enumerate(names) if name in FEET]
+    rests: list[tuple[int, float, Bools]] = []  # foot point, its height, frames
+    for k in feet:
+        for first, last in runs((speed[:, k] < settings.speed_still) & ~found[:, k]):
+            if time[last] - time[first] < settings.min_still:
+                continue
+            level = float(np.median(position[first : last + 1, k, 2]))
+            above = float(np.median(pelvis[first : last + 1])) - level
+            if above >= settings.upright * scale:
+                rests.append((k, level, _around(position, speed, k, level, first, scale, settings)))
+    for alone in (True, False):
+        for k, level, frames in rests:
+            beside = [
+                other
+                for j, height, other in rests
+                if j != k and abs(height - level) < settings.height_on * scale
+                if standing[other, j].any() and (other & frames).any()
+            ]
+            unborne = frames & ~found.any(axis=1)
+            span = float(unborne.sum()) * float(np.median(np.diff(time)))
+            if (alone and span >= settings.min_still) or (not alone and beside):
+                standing[frames, k] = True
+    return standing
+
+
+def _around(
+    position: Floats,
+    speed: Floats,
+    k: int,
+    level: float,
+    frame: int,
+    scale: float,
+    settings: DetectionSettings,
+) -> Bools:
+    """(T,) the frames around one in which a point stays near its height and slow."""
+    near = np.abs(position[:, k, 2] - level) < settings.height_on * scale
+    near &= speed[:, k] < settings.speed_on
+    inside = np.zeros(len(near), dtype=np.bool_)
+    for first, last in runs(near):
+        if first <= frame <= last:
+            inside[first : last + 1] = True
+    return inside
 
 
 def _filled(position: Floats, known: Bools, time: Floats) -> Floats:

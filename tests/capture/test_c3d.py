@@ -52,6 +52,13 @@ def test_reads_markers_in_metres_and_leaves_out_the_rest(tmp_path: Path):
     assert any("1 unnamed" in note for note in recording.notes)
 
 
+def test_toes_are_no_axes_of_a_segment(tmp_path: Path):
+    """Plug-in-Gait's LTOO, LTOA, LTOL and LTOP draw the toes' axes; LTOE is a marker."""
+    labels = ["LTOO", "LTOA", "LTOL", "LTOP", "LTOE", "LHEE", "LASI", "RASI"]
+    recording = read_c3d(write(tmp_path / "a.c3d", standing(), labels=labels), unit="mm", up="z")
+    assert recording.labels == ("LTOE", "LHEE", "LASI", "RASI")
+
+
 def test_gaps_become_nan(tmp_path: Path):
     position = standing()
     position[3, 0] = np.nan
@@ -130,7 +137,7 @@ def test_only_model_outputs_is_an_error(tmp_path: Path):
 @pytest.mark.data
 def test_plates_carry_the_body(data: Path):
     recording = read_c3d(data / "c3d/Movement_trial.c3d")
-    assert len(recording.labels) == 35
+    assert len(recording.labels) == 39
     assert len(recording.plates) == 4
     heights = [plate.corners[:, 2].mean() for plate in recording.plates]
     np.testing.assert_allclose(heights, [0, 0.195, 0.389, 0.584], atol=2e-3)  # a staircase
