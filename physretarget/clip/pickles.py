@@ -19,6 +19,7 @@ from physretarget.errors import InputError, UnsafeInputError
 _ARRAY_MODULES = ("numpy.core.multiarray", "numpy._core.multiarray")
 _BUFFER_MODULES = ("numpy.core.numeric", "numpy._core.numeric")
 # Objects by persistent id, by extension registry, or built through a class: never needed.
+_DEPTH = 64  # of containers in containers; NumPy has arrays of 64 dimensions at most
 _FORBIDDEN = {"PERSID", "BINPERSID", "EXT1", "EXT2", "EXT4", "INST", "OBJ", "NEWOBJ", "NEWOBJ_EX"}
 
 
@@ -140,9 +141,9 @@ def _check_written_out(value: Any, length: int, path: str) -> None:
     """
     most = 16 * length + 1000
     size: dict[int, int] = {}  # of each container, by identity; 0 while it is being looked at
-    waiting: list[tuple[Any, bool]] = [(value, False)]
+    waiting: list[tuple[Any, int, bool]] = [(value, 0, False)]
     while waiting:
-        each, inside_done = waiting.pop()
+        each, depth, inside_done = waiting.pop()
         if not isinstance(each, list | tuple | dict | set | frozenset):
             continue
         parts = [*each, *each.values()] if isinstance(each, dict) else list(each)
@@ -152,7 +153,9 @@ def _check_written_out(value: Any, length: int, path: str) -> None:
                 raise UnsafeInputError("the pickle writes out to far more than it is.", path=path)
         elif id(each) not in size:
             size[id(each)] = 0
-            waiting.append((each, True))
-            waiting += [(part, False) for part in parts]
+            if depth > _DEPTH:
+                raise UnsafeInputError(f"the pickle nests deeper than {_DEPTH}.", path=path)
+            waiting.append((each, depth, True))
+            waiting += [(part, depth + 1, False) for part in parts]
         elif size[id(each)] == 0:
             raise UnsafeInputError("the pickle holds a container that holds itself.", path=path)
