@@ -162,10 +162,10 @@ def _character(model: Path) -> Character:
     return Character.load(model)
 
 
-def _judge(path: Path, job: _Job) -> _Outcome:
+def _judge(path: Path, job: _Job, progress: Callable[[int, int], None] | None = None) -> _Outcome:
     character = _character(job.model)
     clip = open_clip(path, character=character, fps=job.fps, quat=job.quat, joint_order=job.order)
-    report = validate(clip, character, settings=job.settings)
+    report = validate(clip, character, settings=job.settings, progress=progress)
     if job.accepted is not None:
         report = apply_baseline(report, job.accepted)
     if job.format == "html":
@@ -176,9 +176,11 @@ def _judge(path: Path, job: _Job) -> _Outcome:
     return _Outcome(path, replace(report, series={}, forces=None), text)
 
 
-def _attempt(path: Path, job: _Job) -> _Outcome | PhysretargetError:
+def _attempt(
+    path: Path, job: _Job, progress: Callable[[int, int], None] | None = None
+) -> _Outcome | PhysretargetError:
     try:
-        return _judge(path, job)
+        return _judge(path, job, progress)
     except PhysretargetError as error:
         return error
 
@@ -195,10 +197,14 @@ def _outcomes(paths: list[Path], job: _Job, jobs: int) -> Iterator[_Outcome | Ph
     with Progress(console=messages, transient=True, disable=not shown) as bar:
         task = bar.add_task("validate", total=len(paths))
         if min(jobs, len(paths)) == 1:
-            for path in paths:
+            for number, path in enumerate(paths):
                 bar.update(task, description=f"validate {path.name}")
-                yield _attempt(path, job)
-                bar.advance(task)
+
+                def within(done: int, frames: int, number: int = number) -> None:
+                    bar.update(task, completed=number + done / frames)
+
+                yield _attempt(path, job, within)
+                bar.update(task, completed=number + 1)
             return
         # Fresh processes: a fork would copy locks that BLAS threads may hold.
         with ProcessPoolExecutor(min(jobs, len(paths)), mp_context=get_context("spawn")) as pool:

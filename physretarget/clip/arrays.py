@@ -32,6 +32,7 @@ MAX_BYTES = 4 * 1024**3
 _DEFLATE_RATIO, _LIKELY_RATIO = 1032, 100
 _LIKELY_BYTES = 64 << 20
 _HEADER_LIMIT = 1 << 16
+_LAST_LETTER = 0x10FFFF
 # NumPy parses headers as Python literals, those of Python 2 through the tokenizer.
 _HEADER_DAMAGE = (
     ValueError, EOFError, SyntaxError, TypeError, RecursionError, OverflowError, MemoryError,
@@ -220,9 +221,10 @@ class Members(Mapping[str, NDArray[Any]]):
         array = self[name]
         if array.dtype.kind == "S":
             array = np.char.decode(array, "utf-8", "replace")
-        if array.ndim > 1 or not all(isinstance(v, str) for v in array.ravel().tolist()):
+        names = texts(array.ravel()) if array.ndim <= 1 else None
+        if names is None:
             raise InputError(f"array '{name}' must be a list of names.", path=self.path)
-        return tuple(array.ravel().tolist())
+        return names
 
     def scalar(self, name: str) -> float:
         """The named member as one number."""
@@ -268,6 +270,23 @@ class _Member:
             raise InputError(
                 f"array '{self._name}' is damaged in the file.", path=self._path
             ) from error
+
+
+def texts(array: NDArray[Any]) -> tuple[str, ...] | None:
+    """The texts of a (n,) array; None where there is something else, or no sound text."""
+    if array.dtype.kind == "U" and array.dtype.itemsize:
+        # NumPy makes texts of any number: what is no letter breaks whoever prints it.
+        letters = np.ascontiguousarray(array.astype(array.dtype.newbyteorder("="))).view(np.uint32)
+        if letters.max(initial=0) > _LAST_LETTER:
+            return None
+    values = array.tolist()
+    if not all(isinstance(v, str) for v in values):
+        return None
+    try:
+        "".join(values).encode()
+    except UnicodeEncodeError:
+        return None
+    return tuple(values)
 
 
 def check_numbers(

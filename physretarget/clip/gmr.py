@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from physretarget.clip.arrays import Frames, Members, as_floats
+from physretarget.clip.arrays import Frames, Members, as_floats, texts
 from physretarget.clip.pickles import unpickle
 from physretarget.clip.raw import Raw, rows_of
 from physretarget.errors import InputError
@@ -68,8 +68,12 @@ def _rate(value: Any, path: str) -> float | None:
 def _names(value: Mapping[Any, Any]) -> tuple[str, ...] | None:
     for key in ("dof_names", "joint_names"):
         names = value.get(key)
-        if isinstance(names, np.ndarray):
-            names = names.ravel().tolist()
-        if isinstance(names, (list, tuple)) and all(isinstance(n, str) for n in names):
-            return tuple(str(n) for n in names) or None
+        if isinstance(names, (list, tuple)):
+            found = texts(np.array([*names, None], dtype=object)[:-1])
+        elif isinstance(names, np.ndarray):
+            found = texts(names.ravel())
+        else:
+            continue
+        if found:
+            return found
     return None

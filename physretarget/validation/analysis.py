@@ -20,6 +20,7 @@ from physretarget.clip import Motion
 from physretarget.kinematics import slerp
 from physretarget.mjcf import Character, lowpass
 from physretarget.validation.chunk import Chunk, Workspace, analyse_chunk
+from physretarget.validation.declared import columns as contact_columns
 from physretarget.validation.series import Gathered
 from physretarget.validation.smear import dilated, pushed, reach_frames, straight
 from physretarget.validation.smoothness import WINDOW_S, edge_frames
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Poses = Callable[[int, int], Floats]
+Progress = Callable[[int, int], None]  # frames done, frames in all
 
 CHUNK = 1024
 # Frames beyond a chunk's ends that differences of third order reach, on top of a window.
@@ -111,7 +113,12 @@ class Analysis:
         return "the model has no contact geometry"
 
 
-def analyse(clip: Motion, character: Character, settings: Settings) -> Analysis:
+def analyse(
+    clip: Motion,
+    character: Character,
+    settings: Settings,
+    progress: Progress | None = None,
+) -> Analysis:
     """Compute every series of a clip.
 
     Raises UsageError where the filter does not fit the frame rate, InputError where the clip
@@ -125,6 +132,7 @@ def analyse(clip: Motion, character: Character, settings: Settings) -> Analysis:
         tolerance = float(np.clip(_TOLERANCE_OF_HEIGHT * height, *_TOLERANCE_M))
     friction = settings.friction or character.friction
     work = Workspace.build(character, tolerance=tolerance, friction=friction)
+    said = _declared(clip, character, time if len(uneven) else None)
     series = Gathered()
     reach = reach_frames(fps, settings.lowpass_hz)
     halo = _HALO + max(reach, math.ceil(WINDOW_S * fps / 2) + edge_frames(fps))
@@ -138,8 +146,11 @@ def analyse(clip: Motion, character: Character, settings: Settings) -> Analysis:
         chunk = Chunk(
             qpos=smooth, raw=given, time=time[start:stop],
             keep=slice(first - start, last - start), reach=reach,
+            declared=None if said is None else said(start, stop),
         )  # fmt: skip
         series.add({name: _slim(name, s) for name, s in analyse_chunk(work, chunk).items()})
+        if progress is not None:
+            progress(last, len(time))
     series.add(_over_time(character, series, fps, settings.lowpass_hz))
     return Analysis(
         clip=clip, character=character, settings=settings, time=time, fps=fps,
@@ -211,6 +222,20 @@ def _uniform(clip: Motion, character: Character) -> tuple[Floats, Poses, Floats]
         return _between(character, given[behind - 1], given[behind], part)
 
     return even, poses, deviation
+
+
+def _declared(
+    clip: Motion, character: Character, even: Floats | None
+) -> Callable[[int, int], NDArray[np.bool_]] | None:
+    """(first, last) to (last - first, K) which candidate points the clip says to stand."""
+    mine, active = contact_columns(clip, character), clip.contact_active
+    if mine is None or active is None:
+        return None
+    frames = np.arange(clip.frames)
+    if even is not None:  # resampled: the clip's frame nearest in time
+        time = clip.time - clip.time[0]
+        frames = np.searchsorted(0.5 * (time[1:] + time[:-1]), even)
+    return lambda first, last: active[np.ix_(frames[first:last], mine)]
 
 
 def _between(character: Character, before: Floats, behind: Floats, share: Floats) -> Floats:

@@ -10,8 +10,11 @@ say where):
 * ``joint_speed`` rad/s or m/s; ``limit_excess`` rad or m beyond a joint's range (unfiltered)
 * ``jerk`` dimensionless, windowed; ``jitter`` the same without single shocks
 * ``lowest`` m above the floor of what may touch, ``deepest`` of all collision geometry;
+  ``clearance`` m by which no point touches, below 0 where one does;
   ``touching`` number of touching points, ``touch`` (T, bodies) which bodies touch,
   ``supported`` whether one does in this frame or within reach of its force
+* ``declared_height``, ``declared_body``, ``undeclared_body``: where what the clip says of its
+  contacts differs from its geometry, see :func:`physretarget.validation.declared.compare`
 * ``unexplained_force`` BW, ``unexplained_moment`` BW h: what no contact force explains;
   ``contact_force`` (T, 3) BW: what was found
 * ``cop_outside`` m, NaN where nothing is supported
@@ -36,6 +39,7 @@ from physretarget import kinematics
 from physretarget.mjcf import Character, derivatives, required_wrench
 from physretarget.validation.cones import fit_forces
 from physretarget.validation.contacts import Touch, cop_outside, find_touch, lowest
+from physretarget.validation.declared import compare, standing
 from physretarget.validation.geometry import Candidates, candidates, collision_geoms, of_geoms
 from physretarget.validation.selfcollision import SelfCollision
 from physretarget.validation.smoothness import windowed_jerk
@@ -58,7 +62,8 @@ class Chunk:
     """Frames of a clip with neighbours on both sides: ``keep`` are the ones to answer for.
 
     ``raw`` are the poses before the filter (the same array without one); ``reach`` how many
-    frames a contact force is smeared.
+    frames a contact force is smeared; ``declared`` (T, K) which contact points the clip says to
+    stand, None where it says nothing.
     """
 
     qpos: Floats
@@ -66,6 +71,7 @@ class Chunk:
     time: Floats
     keep: slice
     reach: int
+    declared: NDArray[np.bool_] | None = None
 
     @property
     def wide(self) -> slice:
@@ -142,9 +148,15 @@ def analyse_chunk(work: Workspace, chunk: Chunk) -> Series:
     series |= work.collision.judge(chunk.qpos[keep])
     touch = None
     if len(work.points):
+        declared = None if chunk.declared is None else chunk.declared[chunk.wide]
         wide = find_touch(
-            work.points, _part(pose, chunk.wide), character.floor_height, work.tolerance
+            work.points, _part(pose, chunk.wide), character.floor_height, work.tolerance, declared
         )
+        if chunk.declared is not None:
+            series |= compare(
+                chunk.declared, work.points, character.floor_height, work.tolerance,
+                (pose, raw), keep, chunk.step,
+            )  # fmt: skip
         touch = wide
         series |= wide.series(chunk.inner)
         series |= _penetration(work, chunk, (pose, raw), wide)
@@ -217,7 +229,8 @@ def _forces(
     support = find_support(touch, wrench.com, inner, chunk.reach)
     here = _part(poses[0], chunk.keep)
     both = poses if poses[1] is not poses[0] else poses[:1]
-    velocity = sliding(support, here, both, chunk.keep, chunk.step, work.tolerance)
+    stands = standing(chunk.declared, work.points, character.tree.nb)
+    velocity = sliding(support, here, both, chunk.keep, chunk.step, work.tolerance, stands)
     speed = np.linalg.norm(velocity, axis=2)
     fit = fit_forces(
         support.arm / height, support.mask, np.hstack([force, moment]), friction=work.friction,

@@ -15,6 +15,9 @@ Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 Series = dict[str, NDArray[np.generic]]
 
+# A swing foot this deep in the floor is still said to be clear of it: a filter bends paths by
+# millimetres, and what is deeper is penetration (rule CON001).
+SAID_CLEAR_M = 0.005
 # Of many touching points of one body the outermost in these horizontal directions stand for
 # all: any box keeps its corners, any hull the octagon that fits it.
 _DIRECTIONS = 8
@@ -26,8 +29,9 @@ _COMPASS = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)])
 class Touch:
     """Touching points of T frames: position (T, n, 3) world m, body (T, n), mask (T, n).
 
-    ``lowest`` (T,) m above the floor and its body; ``bodies`` (B,) that may touch and ``on``
-    (T, B) which of them do.
+    ``lowest`` (T,) m above the floor and its body; ``clearance`` (T,) m by which no point
+    touches, below 0 where one does; ``bodies`` (B,) that may touch and ``on`` (T, B) which of
+    them do.
     """
 
     position: Floats
@@ -35,6 +39,7 @@ class Touch:
     mask: Bools
     lowest: Floats
     lowest_body: Ints
+    clearance: Floats
     bodies: Ints
     on: Bools
     floor: float
@@ -44,14 +49,26 @@ class Touch:
         return {
             "lowest": self.lowest[frames],
             "lowest_body": self.lowest_body[frames],
+            "clearance": self.clearance[frames],
             "touching": self.mask[frames].sum(axis=1),
             "touch": self.on[frames],
         }
 
 
-def find_touch(points: Candidates, pose: Pose, floor: float, tolerance: float) -> Touch:
-    """Points within ``tolerance`` (m) of the floor, at most eight for every body."""
+def find_touch(
+    points: Candidates,
+    pose: Pose,
+    floor: float,
+    tolerance: float,
+    declared: Bools | None = None,
+) -> Touch:
+    """Points within ``tolerance`` (m) of the floor, at most eight for every body.
+
+    Where contacts are ``declared`` (T, K), a point that is said not to stand touches only where
+    it is plainly in the floor: the tolerance is for not knowing.
+    """
     frames = len(pose.position)
+    clearance = np.full(frames, np.inf)
     bodies = points.bodies
     lowest, lowest_body = np.full(frames, np.inf), np.zeros(frames, dtype=np.int64)
     on = np.zeros((frames, len(bodies)), dtype=bool)
@@ -67,14 +84,20 @@ def find_touch(points: Candidates, pose: Pose, floor: float, tolerance: float) -
         under = low < lowest[rows]
         lowest_body[rows[under]] = body
         lowest[rows] = np.minimum(low, lowest[rows])
-        touching = low < tolerance
+        gap = height - tolerance
+        if declared is not None:
+            stands = declared[np.ix_(rows, points.body == body)]
+            gap = np.where(stands, gap, height + SAID_CLEAR_M)
+        least = gap.min(axis=1)
+        clearance[rows] = np.minimum(least, clearance[rows])
+        touching = least < 0
         if touching.any():
             on[rows[touching], index] = True
-            near = height[touching] < tolerance
+            near = gap[touching] < 0
             place, mask = _outermost(lowest_points(_rows(pose, rows[touching]), own), near)
             picked.append((*_spread(place, mask, rows[touching], frames), int(body)))
     position, mask, owner = _packed(picked, frames)
-    return Touch(position, owner, mask, lowest, lowest_body, bodies, on, floor)
+    return Touch(position, owner, mask, lowest, lowest_body, clearance, bodies, on, floor)
 
 
 def lowest(points: Candidates, pose: Pose, floor: float) -> tuple[Floats, Ints]:

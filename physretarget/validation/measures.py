@@ -122,7 +122,7 @@ def _flight(a: Analysis) -> Iterator[tuple[str, Measure]]:
     if not a.judges_forces:
         yield from ((n, Measure(value=None, unit=u)) for n, u in names.items())
         return
-    yield "flight_frames_fraction", _share(a, a["lowest"] - a.tolerance)
+    yield "flight_frames_fraction", _share(a, a["clearance"])
     judged = states.flight(a)
     error = np.where(judged, states.flight_error(a), np.nan)
     worst = peak(a, error, "m/s^2").frame

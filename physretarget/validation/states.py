@@ -39,7 +39,7 @@ def floating(analysis: Analysis) -> Bools:
 def floating_margin(analysis: Analysis) -> Floats:
     """(T,) above 0 where the character floats, by how much in shares of both limits."""
     missing = analysis["straight_force"][:, 2] - analysis["pushed"]
-    height = analysis["lowest"] / analysis.tolerance - 1
+    height = analysis["clearance"] / analysis.tolerance
     margin: Floats = np.minimum(height, missing / FLOAT_BW - 1)
     return margin
 

@@ -106,7 +106,13 @@ def _neighbours(on: Bools, reach: int) -> tuple[Ints, Ints]:
 
 
 def sliding(
-    support: Support, here: Pose, poses: tuple[Pose, ...], keep: slice, step: float, near: float
+    support: Support,
+    here: Pose,
+    poses: tuple[Pose, ...],
+    keep: slice,
+    step: float,
+    near: float,
+    stands: Bools | None = None,
 ) -> Floats:
     """(T, n, 2) tangential velocity of points between frames in both of which they touch, m/s.
 
@@ -115,6 +121,8 @@ def sliding(
     lifting already. So differences are one-sided where a contact begins or ends, no flight is
     taken for sliding, and a contact of one frame does not slide. ``poses`` are the clip as
     filtered and as given: what only one of them shows is smear, or noise, and the slower counts.
+    ``stands`` (T, nb) which bodies the clip says to stand: from a frame in which it stands to one
+    in which it does not, a body has lifted.
     """
     rows = np.arange(len(support.body))[:, None]
     turn = here.rotation[rows, support.body]
@@ -122,7 +130,7 @@ def sliding(
     local = (arm[..., None, :] @ turn)[..., 0, :]
     slowest: Floats | None = None
     for pose in poses:
-        velocity = _one_sided(support, pose, local, keep, step, near)
+        velocity = _one_sided(support, pose, local, keep, step, near, stands)
         if slowest is not None:
             faster = np.linalg.norm(velocity, axis=2) > np.linalg.norm(slowest, axis=2)
             velocity = np.where(faster[..., None], slowest, velocity)
@@ -132,7 +140,13 @@ def sliding(
 
 
 def _one_sided(
-    support: Support, pose: Pose, local: Floats, keep: slice, step: float, near: float
+    support: Support,
+    pose: Pose,
+    local: Floats,
+    keep: slice,
+    step: float,
+    near: float,
+    stands: Bools | None,
 ) -> Floats:
     frames = np.arange(len(pose.position))[keep][:, None]
     now = _place(pose, frames, support.body, local)
@@ -147,6 +161,8 @@ def _one_sided(
         level = np.abs(moved[..., 2]) <= _STEEP * along + _UNEVEN_M
         near_then = then[..., 2] - support.floor < near
         both = touches & (other != frames) & near_then & level
+        if stands is not None:
+            both &= stands[frames, support.body] == stands[other, support.body]
         total += np.where(both[..., None], side * moved[..., :2], 0.0)
         sides += both
     velocity: Floats = total / (np.maximum(sides, 1) * span * step)[..., None]

@@ -14,7 +14,7 @@ from physretarget._version import __version__
 from physretarget.clip import Motion
 from physretarget.errors import InputError
 from physretarget.mjcf import Character
-from physretarget.validation.analysis import Analysis, analyse
+from physretarget.validation.analysis import Analysis, Progress, analyse
 from physretarget.validation.codes import RULES
 from physretarget.validation.config import Settings
 from physretarget.validation.literature import literature
@@ -45,11 +45,18 @@ _SERIES = {
 }
 
 
-def validate(clip: Motion, character: Character, *, settings: Settings | None = None) -> Report:
+def validate(
+    clip: Motion,
+    character: Character,
+    *,
+    settings: Settings | None = None,
+    progress: Progress | None = None,
+) -> Report:
     """Judge a clip; one from :func:`physretarget.clip.open_clip` may be of any length.
 
-    Raises InputError where the clip does not fit the model, UsageError where settings make no
-    sense. What cannot be judged is in the report's coverage, never an exception.
+    ``progress`` is told how many frames of how many are done. Raises InputError where the clip
+    does not fit the model, UsageError where settings make no sense. What cannot be judged is in
+    the report's coverage, never an exception.
     """
     settings = settings or Settings()
     chosen = settings.chosen(RULES)
@@ -59,7 +66,7 @@ def validate(clip: Motion, character: Character, *, settings: Settings | None = 
             f"model '{character.name}' has nq = {character.tree.nq}.",
             path=clip.path,
         )
-    analysis = analyse(clip, character, settings)
+    analysis = analyse(clip, character, settings, progress)
     findings: list[Finding] = []
     coverage: list[Coverage] = []
     for rule in chosen:

@@ -29,14 +29,13 @@ def targets() -> ModuleType:
 
 
 @pytest.mark.parametrize("path", INPUTS, ids=lambda p: f"{p.parent.name}-{p.name}")
-def test_what_once_broke_a_reader_is_refused(path: Path, targets: ModuleType) -> None:
+def test_what_once_broke_a_reader_is_read_or_refused(path: Path, targets: ModuleType) -> None:
     resource = pytest.importorskip("resource")
     unit = 1 if sys.platform == "darwin" else 1024
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
     start = time.process_time()
     error = targets.try_input(path.parent.name, path.read_bytes())
-    assert isinstance(error, PhysretargetError)
-    assert "\n" not in str(error)
+    assert error is None or (isinstance(error, PhysretargetError) and "\n" not in str(error))
     assert time.process_time() - start < 5
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit - before < 300e6
 

@@ -81,7 +81,7 @@ def test_forces_act_where_a_body_touches_next_with_the_arm_it_has_then() -> None
     com = np.c_[np.arange(9) / 4, np.zeros(9), np.ones(9)]
     touch = Touch(
         place, np.full((9, 1), 5), on[:, None], np.zeros(9), np.zeros(9, dtype=np.int64),
-        np.array([5]), on[:, None], 0.0,
+        np.zeros(9), np.array([5]), on[:, None], 0.0,
     )  # fmt: skip
     support = find_support(touch, com, slice(1, 9), 2)
     assert support.mask.sum(axis=1).tolist() == [1, 1, 1, 2, 1, 1, 1, 1]
