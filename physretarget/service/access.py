@@ -111,7 +111,7 @@ Reader = Annotated[Caller, Depends(_guard("read"))]
 Submitter = Annotated[Caller, Depends(_guard("submit"))]
 Admin = Annotated[Caller, Depends(_guard("admin"))]
 Viewer = Annotated[Caller, Depends(_open)]
-GUARDED: tuple[int, ...] = (401, 403, 421, 429, 503)
+GUARDED: tuple[int, ...] = (400, 401, 403, 421, 429, 503)
 """Statuses that every guarded route may answer."""
 
 Responses = dict[int | str, dict[str, Any]]

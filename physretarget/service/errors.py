@@ -11,6 +11,7 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field
 from starlette.exceptions import HTTPException
+from starlette.routing import compile_path
 
 from physretarget.errors import PhysretargetError
 
@@ -74,7 +75,8 @@ class ApiError(Exception):
 def responses(*statuses: int) -> dict[int | str, dict[str, Any]]:
     """The error answers of a route, for the API's description."""
     return {
-        status: {"model": ErrorBody, "description": _TOLD[status]} for status in sorted(statuses)
+        status: {"model": ErrorBody, "description": _TOLD[status]}
+        for status in sorted(set(statuses))
     }
 
 
@@ -110,8 +112,20 @@ async def _http_error(request: Request, error: Exception) -> JSONResponse:
         404: f"There is nothing at {request.url.path}.",
         405: f"{request.method} is not possible at {request.url.path}.",
     }.get(error.status_code, str(error.detail))
-    told = ApiError(error.status_code, message, code=code, headers=error.headers)
+    headers = dict(error.headers or {})
+    if error.status_code == 405 and "allow" in {name.lower() for name in headers}:
+        headers = {"Allow": ", ".join(_methods(request)) or next(iter(headers.values()))}
+    told = ApiError(error.status_code, message, code=code, headers=headers)
     return _answer(request, told)
+
+
+def _methods(request: Request) -> list[str]:
+    """All methods of a path: the router names only those of the first route that matches."""
+    found: set[str] = set()
+    for path, operations in request.app.openapi()["paths"].items():
+        if compile_path(path)[0].match(request.url.path):
+            found |= {name.upper() for name in operations}
+    return sorted(found)
 
 
 async def _invalid(request: Request, error: Exception) -> JSONResponse:

@@ -74,7 +74,7 @@ def shown(job: JobRecord) -> Job:
     response_model=Job,
     responses={
         202: {"headers": {"Location": {"schema": {"type": "string"}}}},
-        **responses(400, 404, 408, 409, 413, 415, 422, *GUARDED),
+        **responses(404, 408, 409, 413, 415, 422, *GUARDED),
     },
     openapi_extra=form_body(job_form()),
 )
@@ -160,7 +160,7 @@ def delete_job(id: schemas.Id, service: ServiceOf, caller: Submitter) -> Respons
         200: {
             "description": "Server-sent events 'progress', 'done', 'failed', 'cancelled'; the "
             "data of each is the job.",
-            "content": {"text/event-stream": {"schema": {"type": "string"}}},
+            "content": {"text/event-stream": {"schema": {}}},
         },
         **responses(404, 422, *GUARDED),
     },

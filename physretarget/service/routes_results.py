@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Query
 from fastapi.responses import FileResponse, HTMLResponse
@@ -36,6 +36,13 @@ PAGE_POLICY = (
     "form-action 'none'; frame-ancestors 'self'"
 )
 
+_PAGE: dict[int | str, dict[str, Any]] = {
+    200: {
+        "description": "A page that needs nothing else.",
+        "content": {"text/html": {"schema": {"type": "string"}}},
+    }
+}
+
 
 def finished(service: Service, id: str) -> tuple[JobRecord, Path]:
     """A job that is done and the folder of its results; 404 or 409 otherwise."""
@@ -61,8 +68,8 @@ def _file(place: Path, media: str, name: str | None = None) -> FileResponse:
         200: {
             "description": "The report in the format asked for.",
             "content": {
-                media: {"schema": {} if name == "json" else {"type": "string"}}
-                for name, (_, media) in FORMATS.items()
+                media: {"schema": {} if "json" in media else {"type": "string"}}
+                for _, media in FORMATS.values()
             },
         },
         **responses(404, 409, 422, *GUARDED),
@@ -79,8 +86,8 @@ def report(
 
 @router.get(
     "/jobs/{id}/replay",
-    response_class=HTMLResponse,
-    responses=responses(404, 409, 422, *GUARDED),
+    response_class=FileResponse,
+    responses={**_PAGE, **responses(404, 409, 422, *GUARDED)},
 )
 def replay(id: schemas.Id, service: ServiceOf, caller: Viewer) -> FileResponse:
     """The motion in 3D, as a page that needs nothing else."""
@@ -119,8 +126,8 @@ def compare(service: ServiceOf, caller: Reader, left: _Job, right: _Job) -> Comp
 
 @router.get(
     "/compare/replay",
-    response_class=HTMLResponse,
-    responses=responses(404, 409, 422, *GUARDED),
+    response_class=FileResponse,
+    responses={**_PAGE, **responses(404, 409, 422, *GUARDED)},
 )
 def compare_replay(service: ServiceOf, caller: Viewer, left: _Job, right: _Job) -> HTMLResponse:
     """Both motions in 3D on one clock, as a page that needs nothing else."""

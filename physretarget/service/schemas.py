@@ -192,7 +192,14 @@ class TicketRequest(BaseModel):
     """The path of a report, replay or clip that a frame or a link is to open."""
 
     model_config = ConfigDict(extra="forbid")
-    path: Annotated[str, Field(max_length=500, examples=["/api/v1/jobs/01…/report?format=html"])]
+    path: Annotated[
+        str,
+        Field(
+            max_length=500,
+            pattern=r'^/api/v1/(jobs/[0-9a-z]{26}/(report|replay|clip)|compare/replay)(\?[!"$-~]*)?$',
+            examples=["/api/v1/jobs/01jd3m7x6v3k9q4t8w2z5y0abc/report?format=html"],
+        ),
+    ]
 
 
 class Ticket(_Out):

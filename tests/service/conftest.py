@@ -14,15 +14,15 @@ from typing import Any
 
 import pytest
 
-for _package in ("sqlalchemy", "fastapi", "uvicorn", "python_multipart", "prometheus_client"):
-    pytest.importorskip(_package, reason="the service needs the extra 'service'")
+pytest.importorskip("sqlalchemy", reason="the service needs the extra 'service'")
+pytest.importorskip("fastapi", reason="the service needs the extra 'service'")
+pytest.importorskip("prometheus_client", reason="the service needs the extra 'service'")
 
 import httpx
-import uvicorn
 
 from physretarget.sandbox.pool import Pool
 from physretarget.service.app import create_app
-from physretarget.service.server import listen
+from physretarget.service.server import Server, configuration, listen
 from physretarget.service.service import Service
 from physretarget.service.settings import Settings
 
@@ -73,11 +73,7 @@ class Live:
         self.service = service
         self._listening = listen("127.0.0.1", 0)
         self.url = f"http://127.0.0.1:{self._listening.getsockname()[1]}"
-        config = uvicorn.Config(
-            create_app(service), log_config=None, access_log=False, http="h11", ws="none",
-            timeout_graceful_shutdown=2,
-        )  # fmt: skip
-        self.server = uvicorn.Server(config)
+        self.server = Server(configuration(create_app(service)), lambda: None, service)
         self._thread = threading.Thread(
             target=self.server.run, kwargs={"sockets": [self._listening]}
         )
