@@ -104,9 +104,13 @@ def _failed(kind: str, message: str, error: BaseException) -> dict[str, Any]:
 
 def _without_folders(text: str, asked: Mapping[str, Any]) -> str:
     """Names of files as the stranger gave them: where the server keeps them is not told."""
-    places = {str(asked["folder"]), *(str(Path(p).parent) for p in asked["inputs"])}
-    for place in sorted((*places, *asked["inputs"]), key=len, reverse=True):
-        text = text.replace(f"{place}/", "")
+    told = [*asked["inputs"]]
+    for value in asked["request"].values():
+        told += [v for v in (value if isinstance(value, list) else [value]) if isinstance(v, str)]
+    places = {os.path.dirname(path) for path in told if path.startswith("/")}
+    for place in sorted((*places, str(asked["folder"]), *asked["inputs"]), key=len, reverse=True):
+        if place != "/":
+            text = text.replace(f"{place}/", "")
     return text
 
 
