@@ -15,6 +15,7 @@ from physretarget.capture.amc import read_amc
 from physretarget.capture.bvh import read_bvh
 from physretarget.capture.deepmimic import read_deepmimic
 from physretarget.capture.joints import fit_joints
+from physretarget.capture.plausible import doubts
 from physretarget.capture.recording import JointRecording, MarkerRecording
 from physretarget.errors import InputError, UsageError
 
@@ -123,6 +124,7 @@ def load(
         if max_seconds is not None:
             recording = _start_of_markers(recording, max_seconds)
         motion = fit_markers(recording, mass=mass)
+    motion = replace(motion, notes=motion.notes + doubts(motion))
     return motion.resampled(fps) if fps is not None else motion
 
 

@@ -1,0 +1,40 @@
+"""Whether a fitted motion could be a human's: doubts, one sentence each."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from physretarget.capture.actor import SEGMENT, ActorMotion
+
+_STATURE = (1.2, 2.2)  # m
+_KNEE = np.radians(-20.0)  # knees extend to about -10 degrees (AAOS 1965); the rest is error
+_SHARE = 0.05  # of the frames
+
+
+def doubts(motion: ActorMotion) -> tuple[str, ...]:
+    """Sentences about a stature no adult has and knees that bend the wrong way."""
+    found = []
+    height = motion.shape.height
+    if not _STATURE[0] <= height <= _STATURE[1]:
+        found.append(
+            f"the actor is {height:.2f} m tall: if that is wrong, tell the unit "
+            f"(now {motion.source.unit})"
+        )
+    for side in ("left", "right"):
+        bent = knee_flexion(motion, side)[motion.valid]
+        backward = bent < _KNEE
+        if len(bent) and backward.mean() > _SHARE:
+            found.append(
+                f"the {side} knee bends backward by up to {-np.degrees(bent.min()):.0f} degrees "
+                f"in {int(backward.sum())} frames: labels, sides or axes may be wrong"
+            )
+    return tuple(found)
+
+
+def knee_flexion(motion: ActorMotion, side: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """Flexion (T,) of a knee, rad: the shank's turn about the thigh's left axis."""
+    at = 3 + 4 * SEGMENT[f"{side}_shank"]
+    turn = Rotation.from_quat(motion.qpos[:, at : at + 4], scalar_first=True).as_matrix()
+    flexion: np.ndarray[tuple[int], np.dtype[np.float64]] = np.arctan2(turn[:, 0, 2], turn[:, 2, 2])
+    return flexion
