@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from physretarget.face.cuts import prefer_cuts
 from physretarget.face.joint import joint_paths
 from physretarget.face.place import Placed, cut_confidence, lengths, shortest_path
 from physretarget.face.screen import Method, ScreenSettings, Windows, window_costs
@@ -24,6 +25,8 @@ class CoverSettings:
     fidelity: misfit (of the channel's range) that counts as one unit. key_cost: price of a key.
     inner_key: the share of it that keys inside
     a phrase cost. prior: weight of how common a template is. longest: longest span in seconds.
+    turns, rests: share of a key's price that a cut at a turning point, or where a rest begins or
+    ends, is cheaper.
     lag: frames that a channel may lead or trail its group. temperature: of the confidence.
     """
 
@@ -33,6 +36,8 @@ class CoverSettings:
     prior: float = 1.0
     longest: float = 4.0
     phrases: bool = False
+    turns: float = 0.25
+    rests: float = 0.0
     lag: int = 2
     temperature: float = 3.0
 
@@ -142,6 +147,8 @@ def price(
                 _bid(cost, best, index, offer, capture, weight, int(n), method, screen)
     if job.barred.any():
         _bar(cost, spans, job.barred)
+    share = settings.key_cost
+    prefer_cuts(cost, job.smooth, fps, settings.turns * share, settings.rests * share)
     return Priced(cost, best, spans, len(bank.spans))
 
 

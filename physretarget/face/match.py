@@ -38,6 +38,8 @@ class MatchSettings:
     is dense, high sparse. placement: ``optimal``, the paper's ``greedy``, or ``joint``:
     optimal for each rig group together, its channels keyed at one time but for small lags.
     phrases: the optimal one may take segments of more than two keys as well, at twice the time.
+    turns, rests: how much cheaper, in prices of a key, cuts at turning points and at the ends of
+    rests are.
     lips: match them too. least_confidence: pieces below it are flagged as doubtful.
     """
 
@@ -47,7 +49,9 @@ class MatchSettings:
     placement: str = "optimal"
     phrases: bool = False
     lips: bool = False
-    least_confidence: float = 0.5
+    turns: float = 0.25
+    rests: float = 0.0
+    least_confidence: float = 0.3
     screen: ScreenSettings = field(default_factory=ScreenSettings)
 
     def __post_init__(self) -> None:
@@ -230,7 +234,11 @@ def _group(
 ) -> dict[str, ChannelResult]:
     job = _prepare(take, channels, locked, settings.fidelity)
     prices = CoverSettings(
-        fidelity=settings.fidelity, key_cost=settings.key_cost, phrases=settings.phrases
+        fidelity=settings.fidelity,
+        key_cost=settings.key_cost,
+        phrases=settings.phrases,
+        turns=settings.turns,
+        rests=settings.rests,
     )
     place = greedy_cover if settings.placement == "greedy" else cover
     together = _rows_by_group(job) if settings.placement == "joint" else []
