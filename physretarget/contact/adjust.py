@@ -256,6 +256,7 @@ def _shortened(
             within_reach(
                 foot,
                 foot.points(pose),
+                foot.undersides(pose),
                 _place(foot.sole, foot.motion),
                 time,
                 settings,

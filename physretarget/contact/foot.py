@@ -31,6 +31,11 @@ class Foot:
         bodies = np.full(len(self.sole.local), self.sole.body)
         return kinematics.points(pose, bodies, self.sole.local)
 
+    def undersides(self, pose: kinematics.Pose) -> Floats:
+        """(T, m, 3) where a pose has the rest of the sole's underside."""
+        bodies = np.full(len(self.sole.under), self.sole.body)
+        return kinematics.points(pose, bodies, self.sole.under)
+
     def yaw_shift(self) -> Floats:
         """(T,) by how much the heading is corrected, rad, continuous."""
         if len(self.sole.local) < 2:

@@ -24,6 +24,7 @@ Bools = NDArray[np.bool_]
 def within_reach(
     foot: Foot,
     points: Floats,
+    under: Floats,
     place: Floats,
     time: Floats,
     settings: ContactSettings,
@@ -32,12 +33,15 @@ def within_reach(
 ) -> list[Footing]:
     """The stances of a foot, each cut down to its longest piece in which it is where it shall be.
 
-    ``points`` (T, n, 3) where the foot's points came to be; ``place`` (T, 3) x, y and heading
-    of the motion, of which a shortened stance takes the mean anew. A stance of which less than
-    ``shortest_stance`` s would be left is dropped. ``late``: only the ends of stances count.
+    ``points`` (T, n, 3) where the foot's points came to be, ``under`` (T, m, 3) the rest of its
+    underside; ``place`` (T, 3) x, y and heading of the motion, of which a shortened stance takes
+    the mean anew. A stance of which less than ``shortest_stance`` s would be left is dropped.
+    ``late``: only the ends of stances count.
     """
     miss = np.linalg.norm(points - foot.track.target, axis=-1)
     held = np.where(foot.track.planted, miss, 0.0).max(axis=1) < settings.missed
+    sunk = (foot.track.undersides(foot.sole) - under)[..., 2].max(axis=1, initial=0.0)
+    held &= sunk < settings.rolled
     if late:
         for footing in foot.footings:
             held[footing.first : (footing.first + footing.last + 1) // 2] = True

@@ -27,7 +27,8 @@ class ContactSettings:
     hop_height: a flight of duration T rises at least g T²/8 (a ballistic hop), but no
         higher than this. longest_flight: nobody flies longer than this, s; the actor then is
         on hands or back, and nothing is thrown.
-    swing_height: a foot passes at least this far over the floor while another one stands.
+    swing_height: a foot passes at least this far over the floor while another one stands, but
+        no farther than ``swing_share`` of its step's length, or ``shuffle_height`` if larger.
     blend: corrections over flights of the whole character go linearly in time ("ballistic"),
         which leaves a body in flight without horizontal acceleration, or by eq. (9) ("paper"),
         which is always used for a foot that swings.
@@ -39,8 +40,9 @@ class ContactSettings:
     max_tilt: such a body tilts no more than this while it stands, rad.
     settle: time over which a body's tilt changes when other points become planted, s.
     missed: a stance ends where its points are farther than this from their place, m, because
-        the legs do not reach; the ends are looked for ``releases`` times. None that would become
-        shorter than ``shortest_stance`` s is kept.
+        the legs do not reach, or where its sole rolls so far that some of it is ``rolled`` m
+        lower than it should be; the ends are looked for ``releases`` times. None that would
+        become shorter than ``shortest_stance`` s is kept.
     stance_weight: weight of planted points against 1 for each virtual marker;
         flight_weight: of the same points in flight, fading over ``fade`` s from the stance.
     flank_weight: of the rest of a foot's underside, over all its points, as a share of the
@@ -58,7 +60,9 @@ class ContactSettings:
     max_speed: float = 3.0
     hop_height: float = 0.5
     longest_flight: float = 0.85
-    swing_height: float = 0.015
+    swing_height: float = 0.05
+    swing_share: float = 0.2
+    shuffle_height: float = 0.015
     swivel: float = 1.2
     pivot: float = 0.6
     min_piece: float = 0.22
@@ -67,6 +71,7 @@ class ContactSettings:
     max_tilt: float = 0.35
     settle: float = 0.06
     missed: float = 1e-3
+    rolled: float = 4e-3
     releases: int = 5
     shortest_stance: float = 0.05
     stance_weight: float = 1e4

@@ -219,8 +219,7 @@ def fly(
         arm = np.einsum("tij,nj->tni", rotation[inner], whole)
         low = (centre[inner, None] + arm)[..., 2].min(axis=1) - floor
         if before and after:
-            rise = min(settings.gravity * (t1 - t0) ** 2 / 8.0, settings.swing_height * height)
-            swing = 4.0 * rise * share * (1.0 - share)
+            swing = 4.0 * _rise(before, after, t1 - t0, height, settings) * share * (1.0 - share)
             centre[inner, 2] += _raised(low, np.maximum(arc[inner], swing)) - low
         else:
             # Smoothly no lower than the floor, exactly untouched next to the stance.
@@ -228,6 +227,15 @@ def fly(
             soft = 0.02 * height * ramp
             centre[inner, 2] += 0.5 * (low + np.sqrt(low * low + soft * soft)) - low
     return Track(centre, rotation, track.target, track.planted, track.away)
+
+
+def _rise(
+    before: Footing, after: Footing, duration: float, height: float, settings: ContactSettings
+) -> float:
+    """How high a foot swings at least, m: low where it is only set down anew."""
+    travel = float(np.linalg.norm(after.place[:2] - before.place[:2]))
+    step = max(settings.shuffle_height * height, settings.swing_share * travel)
+    return min(settings.gravity * duration**2 / 8.0, settings.swing_height * height, step)
 
 
 def _raised(low: Floats, arc: Floats) -> Floats:

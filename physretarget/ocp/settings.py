@@ -73,7 +73,7 @@ class RootHeightSettings:
     pose_floor: float = 0.05
     weights: float = 1e-6
     limit: float = 0.15
-    floor: float = 0.01
+    floor: float = 0.013
     sink: float = 0.0005
     continuation: tuple[float, ...] = (30.0, 10.0, 3.0, 1.0)
     iterations: int = 30
