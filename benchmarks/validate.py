@@ -3,8 +3,8 @@
     python -m benchmarks.validate [DATA]
 
 Processor time, measured in one run beside the bare ``mj_inverse`` loop, since machines differ:
-all rules (aim: 8 000 frames/s on one core), the cone fit (aim: at most 5 times the loop), the
-memory that a clip of 60 minutes takes more than one of a minute, and many short clips.
+all rules (aim: 8 000 frames/s on one core), the cone fit (aim: at most 5 times the loop), the peak
+memory of clips of 1, 10 and 60 minutes read from files (aim: the same), and many short clips.
 """
 
 from __future__ import annotations
@@ -16,13 +16,16 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.typing import NDArray
 
-from physretarget.clip import Clip, load_clip
+from physretarget.clip import Clip, load_clip, open_clip
 from physretarget.mjcf import Character, derivatives, required_wrench
+from physretarget.report.text import render_text
 from physretarget.validation import Settings, chunk, validate
 from physretarget.validation.cones import ConeFit, fit_forces
 
@@ -81,22 +84,32 @@ def speed(data: Path, frames: int = 4000) -> None:
         )
 
 
-def _peak(data: Path, frames: int) -> float:
-    """Peak memory (MB) of a fresh process that judges a clip of so many frames."""
+def _peak(path: str, data: Path) -> float:
+    """Peak memory (MB) of a fresh process that judges this clip, as the command line does."""
     character = character_of(data)
-    validate(clip_of(data, character, "walk", frames), character, settings=Settings(lowpass_hz=6))
+    clip = open_clip(path, character=character, fps=FPS, quat="wxyz")
+    report = validate(clip, character, settings=Settings(profile="robot", lowpass_hz=6))
+    render_text(report)
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 def memory(data: Path) -> None:
-    peaks = {}
-    for minutes in (1, 10, 60):
-        with ProcessPoolExecutor(1) as pool:
-            peaks[minutes] = pool.submit(_peak, data, int(minutes * 60 * FPS)).result()
-    for minutes, peak in peaks.items():
-        frames = minutes * 60 * FPS
-        more = (peak - peaks[1]) * 1024 / frames if minutes > 1 else 0.0
-        print(f"{minutes:3d} min: peak {peak:6.0f} MB, {more:5.2f} kB more per frame than 1 min")
+    character = character_of(data)
+    with TemporaryDirectory() as folder:
+        for suffix in ("npz", "csv"):
+            first = 0.0
+            for minutes in (1, 10, 60):
+                path = f"{folder}/{minutes}.{suffix}"
+                clip = clip_of(data, character, "walk", int(minutes * 60 * FPS))
+                if suffix == "npz":
+                    clip.save(path)
+                else:
+                    np.savetxt(path, clip.qpos, delimiter=",", fmt="%.6f")
+                del clip
+                with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+                    peak = pool.submit(_peak, path, data).result()
+                first = first or peak
+                print(f"{suffix}, {minutes:3d} min: peak {peak:4.0f} MB, x{peak / first:.2f}")
 
 
 def _judge(data: Path, names: tuple[str, ...]) -> int:

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import io
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner
 
-from physretarget.cli import app
+from physretarget.cli import app, common
+from physretarget.cli import validate as command
 from physretarget.clip import Clip
+from physretarget.kinematics import forward
+from physretarget.mjcf import Character
+from physretarget.validation import Settings, analysis, validate
 
 BOX = """<mujoco><worldbody><geom type="plane" size="9 9 .1"/><body pos="0 0 .1"><freejoint/>
 <geom type="box" size=".1 .1 .1" mass="3"/></body></worldbody></mujoco>"""
@@ -74,3 +80,89 @@ def test_an_unknown_joint_order_and_an_empty_folder_are_usage_errors(library: Pa
     for path in (library / "clips").glob("*.npz"):
         path.unlink()
     assert run(library)[0] == 2
+
+
+BRANCHES = """<mujoco><worldbody><geom type="plane" size="9 9 .1"/>
+<body name="trunk" pos="0 0 .1"><freejoint name="root"/><geom type="box" size=".1 .1 .1" mass="3"/>
+<body name="l1" pos="0 .2 .1"><joint name="l1" axis="0 1 0"/><geom size=".02" mass=".1"/>
+<body name="l2" pos="0 .2 0"><joint name="l2" axis="0 0 1"/><geom size=".02" mass=".1"/></body>
+</body>
+<body name="r1" pos="0 -.2 .1"><joint name="r1" axis="0 1 0"/><geom size=".02" mass=".1"/></body>
+</body></worldbody></mujoco>"""
+
+
+def nameless(folder: Path, order: str) -> tuple[Path, Path, np.ndarray]:
+    """A motion npz that names no joints, in the model's or in breadth-first order, and whose
+    bodies do not tell which."""
+    (folder / "branches.xml").write_text(BRANCHES)
+    character = Character.load(folder / "branches.xml")
+    qpos = np.tile(character.reference_qpos, (20, 1))
+    qpos[:, 7:] = np.linspace(0, 1, 20)[:, None] * [0.3, 0.5, -0.4]
+    columns = [7, 8, 9] if order == "model" else [7, 9, 8]
+    bodies = forward(character.tree, qpos).position[:, 1:2]
+    quat = np.tile([1.0, 0, 0, 0], (20, 1, 1))
+    np.savez(
+        folder / f"{order}.npz", fps=30, joint_pos=qpos[:, columns], body_pos_w=bodies,
+        body_quat_w=quat,
+    )  # fmt: skip
+    return folder / f"{order}.npz", folder / "branches.xml", qpos
+
+
+@pytest.mark.parametrize("order", ["model", "breadth-first"])
+def test_a_told_joint_order_is_used(tmp_path: Path, order: str) -> None:
+    path, model, qpos = nameless(tmp_path, order)
+    base = ["validate", str(path), "--model", str(model), "--format", "json"]
+    refused = CliRunner().invoke(app, base)
+    assert "joint order" in str(refused.exception)
+    told = CliRunner().invoke(app, [*base, "--joint-order", order])
+    document = json.loads(told.stdout)
+    assert f"Joint order {order} as told." in document["clip"]["notes"]
+    wanted = validate(Clip(qpos=qpos, time=np.arange(20) / 30), Character.load(model))
+    speed = wanted.measures["joint_speed_max_rad_s"]
+    assert document["measures"]["joint_speed_max_rad_s"]["value"] == pytest.approx(speed.value)
+    other = "model" if order == "breadth-first" else "breadth-first"
+    wrong = json.loads(CliRunner().invoke(app, [*base, "--joint-order", other]).stdout)
+    assert wrong["measures"] != document["measures"]
+
+
+@pytest.mark.parametrize("jobs", ["1", "2"])
+def test_several_clips_in_their_order_whatever_the_jobs(library: Path, jobs: str) -> None:
+    clips = [library / "clips" / f"{name}.npz" for name in ("b_floats", "a_stands")]
+    result = CliRunner().invoke(
+        app,
+        ["validate", *map(str, clips), "--model", str(library / "box.xml"), "--format", "json",
+         "--jobs", jobs],
+    )  # fmt: skip
+    decoder, text, found = json.JSONDecoder(), result.stdout, []
+    while text.strip():
+        document, end = decoder.raw_decode(text.lstrip())
+        found.append(Path(document["clip"]["path"]).name)
+        text = text.lstrip()[end:]
+    assert found == ["b_floats.npz", "a_stands.npz"]
+
+
+def test_progress_is_shown_on_a_terminal_and_nowhere_else(
+    library: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clip = str(library / "clips" / "a_stands.npz")
+    told = ["validate", clip, "--model", str(library / "box.xml"), "--format", "json"]
+    quiet = CliRunner().invoke(app, told)
+    assert "validate" not in quiet.stderr
+    screen = io.StringIO()
+    terminal = Console(file=screen, force_terminal=True, highlight=False, width=100)
+    monkeypatch.setattr(common, "messages", terminal)
+    monkeypatch.setattr(command, "messages", terminal)
+    shown = CliRunner().invoke(app, told)
+    assert "validate a_stands.npz" in screen.getvalue()
+    # Pipes get the report alone, whether there is a terminal for messages or not.
+    assert shown.stdout == quiet.stdout
+    json.loads(shown.stdout)
+
+
+def test_progress_goes_on_within_a_clip(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(analysis, "CHUNK", 25)
+    box = Character.from_xml(BOX, name="box")
+    clip = Clip(qpos=np.tile(box.reference_qpos, (60, 1)), time=np.arange(60) / 30)
+    seen: list[tuple[int, int]] = []
+    validate(clip, box, settings=Settings(), progress=lambda done, all_: seen.append((done, all_)))
+    assert seen == [(25, 60), (50, 60), (60, 60)]
