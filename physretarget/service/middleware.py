@@ -7,6 +7,7 @@ import logging
 import re
 import secrets
 import time
+from collections.abc import Mapping
 
 from starlette.datastructures import MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -25,6 +26,7 @@ _HEADERS = {
     "Permissions-Policy": "camera=(), geolocation=(), microphone=()",
 }
 _POLICY = "default-src 'none'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
+_HARMLESS = frozenset({"GET", "HEAD", "OPTIONS"})
 _METHODS = frozenset({"GET", "HEAD", "POST", "PUT", "DELETE", "PATCH", "OPTIONS"})
 
 
@@ -49,6 +51,9 @@ class Envelope:
         if self._hosts and not self._known(headers.get(b"host", b"")):
             answer = _error(421, "misdirected", "This service is not known by that name.", id)
             await _reply(answer, record.wrap(send))
+        elif scope["method"] not in _HARMLESS and _from_elsewhere(headers):
+            message = "Pages of other sites may not change anything here."
+            await _reply(_error(403, "forbidden", message, id), record.wrap(send))
         else:
             await self._guarded(scope, receive, record.wrap(send), record)
         record.close(self._metrics)
@@ -66,6 +71,17 @@ class Envelope:
     def _known(self, host: bytes) -> bool:
         found = _HOST.fullmatch(host.decode("latin-1"))
         return found is not None and found[1].lower() in self._hosts
+
+
+def _from_elsewhere(headers: Mapping[bytes, bytes]) -> bool:
+    """Whether a browser sends this for a page of another origin.
+
+    A form needs nobody's permission to post, and where no token is needed it would be obeyed.
+    """
+    if headers.get(b"sec-fetch-site", b"none") not in (b"same-origin", b"none"):
+        return True
+    origin = headers.get(b"origin")
+    return origin is not None and origin.partition(b"://")[2] != headers.get(b"host", b"")
 
 
 class _Record:
