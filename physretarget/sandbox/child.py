@@ -49,6 +49,7 @@ GONE = -1000  # the return code of such a job
 _TAIL = 16 * 1024  # of standard output and error, for the log
 _LOOK_S = 0.1  # between two looks at the clock and at whether the job was cancelled
 _WEIGH_S = 1.0  # between two looks at what the folder holds
+_BLOCK = 4096
 _KEPT = ("LD_LIBRARY_PATH", "TZ", "SYSTEMROOT")
 _START = (
     "import sys; sys.path[:] = sys.argv[3].split(':'); "
@@ -249,7 +250,7 @@ class _Watch:
 
     def _take(self, line: bytes) -> None:
         try:
-            value = json.loads(line)
+            value = json.loads(line, parse_constant=_no_number)
         except (ValueError, RecursionError):
             return
         if not isinstance(value, dict):
@@ -264,13 +265,17 @@ class _Watch:
             self._progress(float(fraction), printable(stage, 200))
 
 
+def _no_number(word: str) -> None:
+    raise ValueError(f"{word} is not JSON")
+
+
 def printable(text: str, most: int) -> str:
     """Text of a child as one short line."""
     return "".join(c if c.isprintable() else " " for c in text[:most])
 
 
 def weight(folder: Path) -> int:
-    """Bytes of all files below a folder, links not followed."""
+    """Bytes of all files below a folder, links not followed; an empty one takes a block too."""
     total = 0
     waiting = [os.fspath(folder)]
     while waiting:
@@ -281,6 +286,7 @@ def weight(folder: Path) -> int:
                         waiting.append(entry.path)
                     else:
                         total += entry.stat(follow_symlinks=False).st_size
+                    total += _BLOCK
         except OSError:
             continue  # it went away meanwhile
     return total

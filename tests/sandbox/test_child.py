@@ -254,6 +254,15 @@ def test_results_are_plain_files(name: str, tmp_path: Path) -> None:
         open_result(folder, name, limits=LIMITS)
 
 
+def test_machines_without_the_walls_say_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(confine, "available", lambda: confine.Walls(landlock=0, seccomp=False))
+    assert not confine.landlock_available()
+    # Both do nothing then; this process could not be tested further otherwise.
+    confine.restrict_files([], [])
+    confine.restrict_calls()
+    Path("/proc/self/status").read_text()
+
+
 def test_limits_are_checked() -> None:
     assert Limits.from_dict(Limits(seconds=3).to_dict()) == Limits(seconds=3)
     with pytest.raises(UsageError, match="above zero"):
