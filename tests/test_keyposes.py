@@ -349,7 +349,7 @@ def test_without_heading_keeps_features(lamp: Character) -> None:
 
 
 @pytest.mark.parametrize("name", ["lamp", "penguin", "squirrel"])
-@pytest.mark.parametrize("kinds", [("",), (".bandai-nc",), ("", ".bandai-nc")])
+@pytest.mark.parametrize("kinds", [("",), (".bandai-nc",), ("", ".bandai-nc", ".cmu")])
 def test_shipped_poses_are_sound(name: str, kinds: tuple[str, ...]) -> None:
     character = Character.load(MODELS / f"{name}.xml")
     poses = load_keyposes([MODELS / f"{name}{kind}.keyposes.toml" for kind in kinds], character)
@@ -366,11 +366,29 @@ def test_all_styles_are_posed() -> None:
             assert text.count(f'name = "{style}-') >= 5, (name, style)
 
 
+@pytest.mark.parametrize(("name", "least"), [("lamp", 3), ("penguin", 3), ("squirrel", 4)])
+def test_some_poses_are_upside_down(name: str, least: int) -> None:
+    character = Character.load(MODELS / f"{name}.xml")
+    poses = load_keyposes(sorted(MODELS.glob(f"{name}*.keyposes.toml")), character).poses
+    actor = actor_character_of_reference()
+    found = 0
+    for pose in poses:
+        both = ((actor, pose.actor_qpos), (character, pose.qpos))
+        tilt = [(forward(c.tree, q[None]).rotation[0, c.root_body] @ c.up)[2] for c, q in both]
+        found += max(tilt) < 0.0
+        # The root is tilted as the actor's, where nothing holds it to the floor.
+        assert max(tilt) > 0.0 or abs(tilt[0] - tilt[1]) < 0.35, pose.name
+    assert found >= least
+
+
 def test_files_state_their_licences() -> None:
     for path in sorted(MODELS.glob("*.keyposes.toml")):
         text = path.read_text()
         if ".bandai-nc." in path.name:
             assert "CC BY-NC 4.0" in text.splitlines()[1]
+        elif ".cmu." in path.name:
+            assert "CMU Graphics Lab" in text.splitlines()[1]
+            assert text.count(".c3d") == text.count("[[pose]]")
         else:
             assert "zlib" in text.splitlines()[1]
             assert "dataset-1" not in text  # nothing from the non-commercial captures
