@@ -188,7 +188,7 @@ def _phrases_offer(bank: Bank, n: int, fps: float, settings: CoverSettings) -> O
     most = np.array([bank.phrases[k].amplitudes.max() for k in chosen], dtype=np.float32)
     return Offer(
         numbers + len(bank.spans),
-        bank.phrase_shapes(n)[numbers],
+        bank.phrase_shapes(n, n / fps)[numbers],
         price.astype(np.float32),
         (np.zeros_like(most), most * np.float32(5.0)),
     )

@@ -76,7 +76,7 @@ def runners_up(
         if phrase:
             most = np.array([t.amplitudes.max() for t in templates], dtype=np.float32)
             amplitudes = (np.zeros_like(most), most * np.float32(screen.amplitude[1]))
-        shapes = bank.phrase_shapes(n) if phrase else bank.span_shapes(n)
+        shapes = bank.phrase_shapes(n, n / fps) if phrase else bank.span_shapes(n)
         starts = np.array([c * frames + p.first for c, p in members])
         cost = window_costs(capture, starts, n, shapes, method, screen, amplitudes)
         common = np.log([len(t.segments) for t in templates]) * settings.prior

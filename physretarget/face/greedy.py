@@ -42,7 +42,7 @@ def greedy_cover(
         if len(big):
             known = big[bank.available(True, n / fps)[big]]
         if len(known):
-            shapes = bank.phrase_shapes(n)[known]
+            shapes = bank.phrase_shapes(n, n / fps)[known]
             most = np.array([bank.phrases[k].amplitudes.max() for k in known], dtype=np.float32)
             bounds = (np.zeros_like(most), most * np.float32(screen.amplitude[1]))
             for c in range(channels):

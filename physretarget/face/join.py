@@ -30,6 +30,7 @@ class _Rows:
 def assemble(
     placed: list[Placed],
     bank: Bank,
+    fps: float,
     smooth: Array,
     pinned: Mapping[int, Key],
     method: Method = "distance",
@@ -39,6 +40,7 @@ def assemble(
     Args:
         placed: a chain from the first to the last frame.
         bank: their templates.
+        fps: frame rate.
         smooth: (M,) capture that segments begin and end on.
         pinned: locked keys by frame, in frames and units of the range.
         method: with ``hmm`` the keys inside a phrase move to the frames of the alignment.
@@ -49,7 +51,7 @@ def assemble(
     rows = _Rows([np.zeros(6)], [[]], [0.0], [True], [0])
     rows.table[0][:2] = placed[0].first, smooth[placed[0].first]
     for number, piece in enumerate(placed):
-        _append(rows, number, _local(piece, bank, smooth, method))
+        _append(rows, number, _local(piece, bank, fps, smooth, method))
     table = np.array(rows.table)
     slope = np.array([np.mean(s) if s else 0.0 for s in rows.slopes])
     # Templates may disagree with the capture by about half their own mean steepness.
@@ -64,10 +66,13 @@ def assemble(
     return Draft(table, join, held, slope, spread), tuple(rows.piece)
 
 
-def _local(piece: Placed, bank: Bank, smooth: Array, method: Method) -> Array:
+def _local(piece: Placed, bank: Bank, fps: float, smooth: Array, method: Method) -> Array:
     """(K, 6) the template's keys over its frames, ends on the smooth capture."""
-    source = (bank.phrases if piece.phrase else bank.spans)[piece.template].table
     n = piece.last - piece.first
+    if piece.phrase:
+        source = bank.phrase_table(piece.template, n / fps)
+    else:
+        source = bank.spans[piece.template].table
     start, end = smooth[piece.first], smooth[piece.last]
     table = source.copy()
     if not piece.phrase:

@@ -26,6 +26,7 @@ from physretarget.face.warp import fit, within_range
 
 Array = NDArray[np.float64]
 Banks = dict[tuple[str, ...], Bank]
+STRETCHES = ("uniform", "middle")
 PLACEMENTS = ("optimal", "greedy", "joint")
 
 
@@ -40,6 +41,7 @@ class MatchSettings:
     phrases: the optimal one may take segments of more than two keys as well, at twice the time.
     turns, rests: how much cheaper, in prices of a key, cuts at turning points and at the ends of
     rests are.
+    stretch: of phrases in time, ``uniform`` or, after Keogh, of their ``middle`` alone.
     lips: match them too. least_confidence: pieces below it are flagged as doubtful.
     """
 
@@ -48,6 +50,7 @@ class MatchSettings:
     key_cost: float = 12.0
     placement: str = "optimal"
     phrases: bool = False
+    stretch: str = "uniform"
     lips: bool = False
     turns: float = 0.25
     rests: float = 0.0
@@ -61,6 +64,8 @@ class MatchSettings:
             raise UsageError(
                 f"placement is {self.placement!r}; it is one of {', '.join(PLACEMENTS)}."
             )
+        if self.stretch not in STRETCHES:
+            raise UsageError(f"stretch is {self.stretch!r}; it is one of {', '.join(STRETCHES)}.")
         for name in ("fidelity", "key_cost"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
@@ -161,17 +166,21 @@ def match(
     for members in borrowing.values():  # groups that borrow from the same are matched at once
         progress(", ".join(dict.fromkeys(c.group for c in members)))
         phrases = chosen.phrases or chosen.placement == "greedy"
-        bank = _bank(library, rig, members[0].group, phrases, kept)
+        bank = _bank(library, rig, members[0].group, phrases, chosen.stretch == "middle", kept)
         results |= _group(driven, members, bank, library, chosen, locked or {})
     ordered = {c.name: results[c.name] for c in matched}
     return Result(driven, ordered, chosen, driven.notes)
 
 
-def _bank(library: Library, rig: Rig, group: str, phrases: bool, banks: Banks) -> Bank:
+def _bank(
+    library: Library, rig: Rig, group: str, phrases: bool, middle: bool, banks: Banks
+) -> Bank:
     patterns = tuple(rig.library.get(group, ()))
-    wanted = (*patterns, str(phrases))
+    wanted = (*patterns, str(phrases), str(middle))
     if wanted not in banks:
-        banks[wanted] = make_bank(library, lambda name: rig.borrows(group, name), phrases=phrases)
+        banks[wanted] = make_bank(
+            library, lambda name: rig.borrows(group, name), phrases=phrases, middle=middle
+        )
     bank = banks[wanted]
     if not bank.spans:
         asked = f" for group {group} ({', '.join(patterns)})" if patterns else ""
@@ -288,7 +297,9 @@ def _channel(
         )
         for frame, key in job.locked[row].items()
     }
-    draft, piece_of = assemble(placed, bank, job.dense.smooth[row], pinned, settings.method)
+    draft, piece_of = assemble(
+        placed, bank, take.fps, job.dense.smooth[row], pinned, settings.method
+    )
     table = fit(draft, job.dense.values[row], settings.fidelity, job.dense.weight[row])
     lower, upper = (channel.lower - base) / unit, (channel.upper - base) / unit
     table = within_range(table, draft.join & ~draft.held, draft.held, lower, upper)

@@ -47,10 +47,11 @@ class Template:
 
 @dataclass(frozen=True, eq=False)
 class Bank:
-    """Templates of two keys (spans) and of more (phrases)."""
+    """Templates of two keys (spans) and of more (phrases); middle: stretch only phrases' middle."""
 
     spans: tuple[Template, ...]
     phrases: tuple[Template, ...]
+    middle: bool = False
     _shapes: dict[int, NDArray[np.float32]] = field(default_factory=dict, repr=False)
     _known: dict[tuple[bool, float], NDArray[np.bool_]] = field(default_factory=dict, repr=False)
 
@@ -61,8 +62,20 @@ class Bank:
             self._shapes[intervals] = sample(tables, intervals + 1).astype(np.float32)
         return self._shapes[intervals]
 
-    def phrase_shapes(self, intervals: int) -> NDArray[np.float32]:
+    def phrase_table(self, number: int, seconds: float) -> Array:
+        """(K, 6) a phrase's keys on unit width, as they are when it lasts so long."""
+        template = self.phrases[number]
+        if not self.middle:
+            return template.table
+        return middle_stretched(
+            template.table, seconds / template.durations[template.nearest(seconds)]
+        )
+
+    def phrase_shapes(self, intervals: int, seconds: float) -> NDArray[np.float32]:
         """(S, intervals + 1) samples of every phrase, interpolated between 65 points."""
+        if self.middle:
+            tables = [self.phrase_table(k, seconds) for k in range(len(self.phrases))]
+            return sample(tables, intervals + 1).astype(np.float32)
         if -1 not in self._shapes:
             tables = [t.table for t in self.phrases]
             self._shapes[-1] = sample(tables, 65).astype(np.float32)
@@ -83,6 +96,26 @@ class Bank:
             ]
             self._known[asked] = np.array(near, dtype=bool)
         return self._known[asked]
+
+
+def middle_stretched(table: Array, ratio: float) -> Array:
+    """Keys (K, 6) of unit width played ``ratio`` times as long with first and last quarter as fast.
+
+    Keogh's scaling matches a left and a right part and stretches the middle between them, which
+    breaks the slope where they meet. Here the pace changes smoothly, so that the curve stays C1.
+    Below a ratio of 0.77 the middle would run backward: then, and above 2, all is stretched alike.
+    """
+    if not 0.77 <= ratio <= 2.0:
+        return table
+    more = 2.0 * (ratio - 1.0)
+    inside = np.clip(table[:, 0] - 0.25, 0.0, 0.5)
+    wave = 4.0 * np.pi * inside
+    result = table.copy()
+    result[:, 0] = (table[:, 0] + more * (inside - np.sin(wave) / (4.0 * np.pi))) / ratio
+    pace = (1.0 + more * (1.0 - np.cos(wave))) / ratio
+    result[:, 2] *= pace
+    result[:, 4] *= pace
+    return result
 
 
 def sample(tables: list[Array], count: int) -> Array:
@@ -121,6 +154,7 @@ def make_bank(
     usable: Callable[[str], bool] = lambda channel: True,
     *,
     phrases: bool = True,
+    middle: bool = False,
     most_spans: int = 96,
     most_phrases: int = 400,
 ) -> Bank:
@@ -139,7 +173,7 @@ def make_bank(
         ]
     found = {size: _entries(library, members) for size, members in by_keys.items()}
     long = [e for size, entries in found.items() if size > 2 for e in entries]
-    return Bank(_cluster(found.get(2, []), most_spans), _cluster(long, most_phrases))
+    return Bank(_cluster(found.get(2, []), most_spans), _cluster(long, most_phrases), middle)
 
 
 def _entries(library: Library, members: list[Segment]) -> list[_Entry]:
