@@ -57,3 +57,8 @@ def test_frames_that_are_not_valid_say_nothing() -> None:
 @pytest.mark.parametrize("height", [0.9, 2.5])
 def test_statures_of_nobody_are_doubted(height: float) -> None:
     assert any("tell the unit (now cm)" in doubt for doubt in doubts(bending(0.0, height=height)))
+
+
+def test_points_that_no_body_fits_are_doubted() -> None:
+    assert any("by 5 cm" in doubt for doubt in doubts(replace(bending(0), marker_error_rms=0.05)))
+    assert doubts(replace(bending(0), marker_error_rms=0.02)) == ()
