@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import casadi as ca
@@ -15,7 +16,7 @@ from physretarget.ocp import PRESETS, RootHeightSettings, optimise
 from physretarget.ocp.basis import differences, gaussian_basis, sparse_of
 from physretarget.ocp.bound import vertical_bound
 from physretarget.ocp.gauss_newton import Normal, solve
-from physretarget.ocp.problem import build
+from physretarget.ocp.problem import build, lowest_displacement
 from physretarget.ocp.scene import scene_of
 
 Make = Callable[..., Any]
@@ -236,3 +237,44 @@ def test_what_cannot_be_optimised_is_said(hopper: Make, hops: Make) -> None:
     )
     with pytest.raises(InputError, match="no free root joint"):
         optimise(fixed, np.zeros((10, 1)), np.arange(10) / 30, np.zeros((10, 0), dtype=bool))
+
+
+TAILED = """<mujoco model="tailed"><option gravity="0 0 -9.81"/><worldbody>
+<geom name="floor" type="plane" size="5 5 .1" friction="0.8"/>
+<body name="box" pos="0 0 0.25"><freejoint/>
+<geom type="box" size=".12 .1 .05" pos="0 0 -.2" mass="2"/>
+<geom type="box" size=".05 .05 .2" pos=".03 .01 .05" mass="1"/>
+<geom name="tail" type="sphere" size=".02" pos="-.2 0 -.262" mass="0.01"/>
+<site name="contact_a" pos=".12 .1 -.25"/><site name="contact_b" pos=".12 -.1 -.25"/>
+<site name="contact_c" pos="-.12 .1 -.25"/><site name="contact_d" pos="-.12 -.1 -.25"/>
+</body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("name", ["default", "convex"])
+def test_nothing_is_lowered_through_the_floor(name: str, hops: Make) -> None:
+    """A flight that is too high is lowered, but only until the tail touches the floor."""
+    character = Character.from_xml(TAILED)
+    time = np.arange(60) / 30
+    qpos = np.zeros((60, 7))
+    qpos[:, 2], qpos[:, 3] = 0.25 + 0.035, 1.0  # it floats: the tail 3 mm over the floor
+    active = np.ones((60, 4), dtype=bool)
+    settings = replace(RootHeightSettings.preset(name), hold=0.0)
+    scene = scene_of(character, qpos, time, active)
+    np.testing.assert_allclose(scene.clearance, 0.285 - 0.282, atol=1e-9)
+    least = lowest_displacement(scene, settings)
+    np.testing.assert_allclose(least, -(0.003 + settings.floor * character.height))
+    free = replace(settings, floor=np.inf)
+    bound = optimise(character, qpos, time, active, settings=settings)
+    unbound = optimise(character, qpos, time, active, settings=free)
+    assert bound.displacement.min() > least[0] - 1e-3
+    assert unbound.displacement.min() < least[0] - 0.01
+
+
+def test_what_is_below_the_floor_already_is_lowered_no_further(hopper: Make) -> None:
+    character = hopper()
+    qpos = np.zeros((20, 7))
+    qpos[:, 2], qpos[:, 3] = 0.25 - 0.03, 1.0
+    time, active = np.arange(20) / 30, np.ones((20, 4), dtype=bool)
+    settings = RootHeightSettings()
+    least = lowest_displacement(scene_of(character, qpos, time, active), settings)
+    np.testing.assert_allclose(least, -0.1 * settings.floor * character.height)
