@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from physretarget.capture.marker_sets import up_axis
+from physretarget.capture.marker_sets import up_axis, upside_down
 from physretarget.capture.recording import (
     Floats,
     ForcePlate,
@@ -151,6 +151,11 @@ def _up(raw: RawMarkers, position: Floats, notes: list[str]) -> str:
         chosen = raw.up or raw.usual_up
         why = "as the file says" if raw.up else f"the custom of {raw.format.upper()} files"
         notes.append(f"up axis taken as {chosen}, {why}: the poses do not tell")
+        if upside_down(raw.labels, position, chosen):
+            notes[-1] = (
+                f"the feet are above the head along {chosen}: if this is no handstand, the axis "
+                f"points down, which --up -{chosen} tells"
+            )
         return chosen
     if raw.up and raw.up != seen:
         notes.append(

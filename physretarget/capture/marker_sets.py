@@ -322,6 +322,27 @@ def up_axis(labels: Sequence[str], position: Floats, stated: str | None = None) 
     ``position`` (T, M, 3) in the file's axes. Poses decide, so that a header that lies does
     no harm; clips on all fours or lying down stay undecided.
     """
+    some, way = _feet_to_head(labels, position)
+    if not len(way):
+        return None
+    length = np.linalg.norm(way, axis=1)
+    seen = upright_axis(way / length[:, None])
+    if stated is None or seen is None or seen == stated:
+        return seen
+    return None if lies_down(some, stated, seen, float(np.median(length))) else seen
+
+
+def upside_down(labels: Sequence[str], position: Floats, axis: str) -> bool:
+    """Whether the feet are above the head along an axis, "x" or "-x", in most frames."""
+    _, way = _feet_to_head(labels, position)
+    if not len(way):
+        return False
+    along = way[:, "xyz".index(axis[-1])] / np.linalg.norm(way, axis=1)
+    return float(np.mean(along)) * (-1 if axis[0] == "-" else 1) < -0.6
+
+
+def _feet_to_head(labels: Sequence[str], position: Floats) -> tuple[Floats, Floats]:
+    """A sample of frames (S, M, 3), and the way from feet to head in those that show both."""
     high, low = [], []
     marks = recognise(labels)
     for i, landmark in enumerate(marks):
@@ -333,19 +354,11 @@ def up_axis(labels: Sequence[str], position: Floats, stated: str | None = None) 
             low.append(i)
     if not high:  # legs alone
         high = [i for i, mark in enumerate(marks) if mark and SEGMENTS[mark.segment] == "pelvis"]
-    if not high or not low:
-        return None
     some = position[:: max(1, len(position) // 300)]
+    if not high or not low:
+        return some, np.empty((0, 3))
     way = _mean_known(some[:, high]) - _mean_known(some[:, low])
-    length = np.linalg.norm(way, axis=1)
-    good = np.flatnonzero(np.isfinite(length) & (length > 0))
-    if not len(good):
-        return None
-    seen = upright_axis(way[good] / length[good, None])
-    if stated is None or seen is None or seen == stated:
-        return seen
-    lying = lies_down(some, stated, seen, float(np.median(length[good])))
-    return None if lying else seen
+    return some, way[np.nan_to_num(np.linalg.norm(way, axis=1)) > 0]
 
 
 def _mean_known(position: Floats) -> Floats:

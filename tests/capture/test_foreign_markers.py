@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from physretarget.capture.actor import ActorShape
-from physretarget.capture.marker_sets import recognise, subjects, up_axis
+from physretarget.capture.marker_sets import recognise, subjects, up_axis, upside_down
 from physretarget.capture.markers import fit_markers
 from physretarget.capture.recording import MarkerRecording, Source
 from physretarget.errors import InputError
@@ -190,3 +190,11 @@ def test_who_lies_on_the_stated_floor_is_not_taken_for_standing() -> None:
     lying = upright[..., [2, 0, 1]] * [1, 1, 1] + [4.0, 0.0, 0.2]
     assert up_axis(PLUG_IN_GAIT, lying) == "x"
     assert up_axis(PLUG_IN_GAIT, lying, "z") is None
+
+
+def test_feet_above_the_head_are_noticed() -> None:
+    position = worn(PLUG_IN_GAIT).position
+    assert upside_down(PLUG_IN_GAIT, position, "-z")
+    assert upside_down(PLUG_IN_GAIT, -position, "z")
+    assert not upside_down(PLUG_IN_GAIT, position, "z")
+    assert not upside_down(["a", "b"], position[:, :2], "z")
