@@ -1,5 +1,7 @@
 // Elements out of plain data. Text is always text: nothing from the server is ever parsed as HTML.
 
+import { STATUSES } from "/web/words.js";
+
 const SVG = "http://www.w3.org/2000/svg";
 const ICONS = {
   up: "M12 16V5M7 10l5-5 5 5M5 19h14",
@@ -51,7 +53,7 @@ export function say(text) {
 
 /** A pill that tells a job's status, or of a finished one whether it passed. */
 export function verdict(job) {
-  if (job.status !== "done") return el("span", { class: `chip ${job.status}` }, job.status);
+  if (job.status !== "done") return el("span", { class: `chip ${job.status}` }, STATUSES[job.status] ?? job.status);
   if (!job.summary) return el("span", { class: "chip done" }, "done");
   const passed = job.summary.passed;
   return el("span", { class: `chip ${passed ? "passed" : "unfit"}` },

@@ -3,8 +3,9 @@
 import { API, idempotencyKey, request, upload } from "/web/api.js";
 
 export const EXAMPLES = [
-  { file: "lamp-jump.npz", model: "lamp", title: "A lamp jumps" },
-  { file: "lamp-jump-before-physics.npz", model: "lamp", title: "The same jump before physics" },
+  { file: "lamp-jump.npz", model: "lamp", title: "a jump" },
+  { file: "lamp-look.npz", model: "lamp", title: "a look around" },
+  { file: "lamp-look-careless.npz", model: "lamp", title: "the same look, careless" },
 ];
 
 /** The example as a file, as if it had been chosen. */

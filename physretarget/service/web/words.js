@@ -104,3 +104,5 @@ export function took(job) {
   return `${number((Date.parse(job.finished) - Date.parse(job.started)) / 1000, 2)} s`;
 }
 export const KINDS = { validate: "judged", retarget: "retargeted" };
+/** Statuses as read: a clip that fails its rules has been judged, a job that fails has not. */
+export const STATUSES = { queued: "waiting", running: "running", done: "finished", failed: "not judged", cancelled: "cancelled" };

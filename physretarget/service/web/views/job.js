@@ -123,9 +123,9 @@ function overview(job, report, path) {
     el("div", { class: "bench" },
       el("section", { class: "stand", "aria-label": "Replay" }, replay.box),
       el("div", { class: "sheet" }, tiles(measures), findings(report.findings, seek))),
-    el("section", {}, el("h2", {}, "Measures"), measureTable(measures, clip.fps, seek)),
-    el("div", { class: "pair" }, downloads(job, path), facts(job, report)),
-    coverage(report.coverage),
+    el("div", { class: "pair uneven" },
+      el("section", {}, el("h2", {}, "Measures"), measureTable(measures, clip.fps, seek)),
+      el("div", { class: "beside" }, downloads(job, path), facts(job, report), coverage(report.coverage))),
   ];
 }
 
@@ -211,7 +211,7 @@ function facts(job, report) {
 
 function coverage(rules) {
   const open = rules.filter((rule) => rule.status !== "checked");
-  return el("section", {}, el("h2", {}, "Coverage"),
+  return el("section", { class: "card" }, el("h2", {}, "Coverage"),
     el("p", { class: "soft" }, `${rules.length - open.length} of ${rules.length} rules could be checked. What could not be judged never counts as passed.`),
     open.length ? el("details", {}, el("summary", {}, "Not covered, and why"),
       el("ul", { class: "notes" }, open.map((rule) => el("li", {}, el("b", { class: "code" }, rule.code), ` ${rule.reason}`)))) : null);

@@ -2,11 +2,10 @@
 
 import { alarm, calm, el, icon, meter, say, verdict } from "/web/dom.js";
 import { API, ended, get, post, query } from "/web/api.js";
-import { KINDS, ago, counts, exact } from "/web/words.js";
+import { KINDS, STATUSES, ago, counts, exact } from "/web/words.js";
 import { tryExample } from "/web/examples.js";
 
 const BUSY_MS = 1000, IDLE_MS = 8000, TYPING_MS = 250;
-const STATUSES = ["queued", "running", "done", "failed", "cancelled"];
 const FILTERS = ["q", "status", "kind", "model"];
 
 export async function jobsView({ main, params, signal }) {
@@ -37,7 +36,7 @@ export async function jobsView({ main, params, signal }) {
     maxlength: 200, value: filters.q, on: { input: typed("q") },
   });
   const bar = el("div", { class: "filters", role: "search" }, search,
-    select("status", "Status", [["", "Any status"], ...STATUSES.map((s) => [s, s])]),
+    select("status", "Status", [["", "Any status"], ...Object.entries(STATUSES)]),
     select("kind", "Kind", [["", "Judged and retargeted"], ["validate", "Judged"], ["retarget", "Retargeted"]]));
   if (filters.model) {
     bar.append(el("a", { class: "chip", href: "#/jobs", title: "Show jobs of every model" }, "of one model ×"));
@@ -156,11 +155,11 @@ function parts(job, chosen, choose, cancel) {
       el("small", {}, `${KINDS[job.kind] ?? job.kind} with ${job.model.name}`,
         job.options.profile ? ` · ${job.options.profile}` : "")),
     el("div", { class: "verdict" }, verdict(job),
-      ended(job) ? el("span", { class: `told${job.error ? " bad" : ""}` }, told)
-        : el("span", { class: "going" }, meter(job.progress, `Progress of ${name}`), el("small", {}, told))),
+      ended(job) ? el("span", { class: `told${job.error ? " bad" : ""}` }, told) : [
+        el("span", { class: "going" }, meter(job.progress, `Progress of ${name}`), el("small", {}, told)),
+        el("button", { class: "stop button small", type: "button", "aria-label": `Cancel ${name}`, on: { click: () => cancel(job) } }, "Cancel"),
+      ]),
     el("time", { datetime: job.created, title: exact(job.created) }, ago(job.created)),
-    ended(job) ? el("span", { class: "act" })
-      : el("button", { class: "stop button small act", type: "button", "aria-label": `Cancel ${name}`, on: { click: () => cancel(job) } }, "Cancel"),
   ];
 }
 
@@ -177,9 +176,9 @@ function welcome(signal) {
       }
     },
   } }, icon("play"), "Try the example");
-  const step = (title, text) => el("li", {}, el("b", {}, title), el("span", {}, text));
+  const step = (title, text) => el("li", {}, el("b", {}, title), " ", el("span", {}, text));
   return el("section", { class: "welcome" },
-    el("img", { src: "/web/pictures/lamp.jpg", alt: "", width: 176, height: 176 }),
+    el("img", { src: "/web/pictures/lamp-large.jpg", alt: "", width: 400, height: 400 }),
     el("div", {},
       el("h2", {}, "Is that motion possible?"),
       el("p", { class: "soft" }, "Send an animation clip and its character. Physics says which forces the motion " +

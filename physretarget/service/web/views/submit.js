@@ -37,7 +37,7 @@ export async function submitView({ main, params, signal, name }) {
 
 function tabs(kind) {
   const tab = (value, title, text) => el("a", { href: `#/new?kind=${value}`, "aria-current": kind === value ? "page" : null },
-    el("b", {}, title), el("span", {}, text));
+    el("b", {}, title), " ", el("span", {}, text));
   return el("nav", { class: "tabs wide", "aria-label": "What to submit" },
     tab("validate", "Judge a clip", "Is this motion physically possible?"),
     tab("retarget", "Retarget a capture", "Let a character act out a human’s motion"));
@@ -74,7 +74,7 @@ function build({ kind, models, clips, before, params }) {
 
   function summary() {
     const rows = [[judging ? "Clip" : "Capture", clip.told()], [judging ? "Model" : "Character", model.told()],
-      ...Object.entries(readOptions(kind, form)).map(([name, value]) => [name.replace("_", " "), String(value)])];
+      ...Object.entries(readOptions(kind, form)).map(([name, value]) => [label(kind, name), String(value)])];
     facts.replaceChildren(...rows.flatMap(([name, value]) => [el("dt", {}, name), el("dd", { class: value ? null : "missing" }, value || "not chosen yet")]));
   }
 
@@ -92,7 +92,9 @@ function build({ kind, models, clips, before, params }) {
       const body = new FormData(), role = judging ? "clip" : "capture";
       body.append("kind", kind);
       body.append("options", JSON.stringify({ ...kept, ...readOptions(kind, form) }));
-      body.append(`${role}_id`, clip.id() ?? await send("clips", clip.file(), role, "clip", sending));
+      // A capture that is read with a skeleton comes with it; the library takes files that stand alone.
+      if (skeleton?.files.length && clip.file()) body.append(role, clip.file());
+      else body.append(`${role}_id`, clip.id() ?? await send("clips", clip.file(), role, "clip", sending));
       body.append(judging ? "model" : "character", model.id() ?? await send("models", model.file(), "model", "model", sending));
       if (skeleton?.files.length) body.append("skeleton", skeleton.files[0]);
       for (const file of poses?.files ?? []) body.append("keyposes", file);
@@ -113,6 +115,8 @@ function build({ kind, models, clips, before, params }) {
   summary();
   return { node: form, take: (files) => clip.take(files) };
 }
+
+const label = (kind, name) => [...FIELDS[kind].first, ...FIELDS[kind].more].find((field) => field.name === name)?.label ?? name;
 
 /** Upload to a collection, once; the new thing's id. */
 async function send(collection, file, what, place, sending) {
@@ -151,11 +155,11 @@ function clipPart(judging, clips, before, params, changed) {
       zone.set([await exampleFile(one.file)]);
       const lamp = event.target.form.querySelector(`input[name=model][value=${one.model}]`);
       if (lamp) { lamp.checked = true; lamp.dispatchEvent(new Event("input", { bubbles: true })); }
-    } } }, one.title.toLowerCase());
+    } } }, one.title);
   return {
     node: el("div", {}, gone, zone.zone,
       known && el("div", { class: "field inline" }, el("label", { for: id }, "or one sent before"), known),
-      judging ? el("p", { class: "hint" }, "No clip at hand? Take an example: ", example(EXAMPLES[0]), " or ", example(EXAMPLES[1]), ".") : null),
+      judging ? el("p", { class: "hint" }, "No clip at hand? Let a lamp act: ", EXAMPLES.flatMap((one, i) => [i ? ", " : "", example(one)]), ".") : null),
     take: (files) => zone.set(files),
     id: () => zone.files.length ? null : known?.value || null,
     file: () => zone.files[0],
@@ -171,9 +175,9 @@ function modelPart(judging, models, before, params, changed) {
   const cards = models.map((model) => el("label", { class: "choice" },
     el("input", { type: "radio", name: "model", value: model.id, class: "sr-radio", checked: model.id === wanted }),
     picture(model),
-    el("span", {}, el("b", {}, model.name), el("small", {}, `${Number(model.mass_kg.toPrecision(2))} kg · ${plural(model.joints, "joint")}`))));
+    el("span", {}, el("b", {}, model.name), " ", el("small", {}, `${Number(model.mass_kg.toPrecision(2))} kg · ${plural(model.joints, "joint")}`))));
   const upload = el("label", { class: "choice" }, own, el("span", { class: "thumb" }, icon("up")),
-    el("span", {}, el("b", {}, "Upload"), el("small", {}, "xml or zip")));
+    el("span", {}, el("b", {}, "Upload"), " ", el("small", {}, "xml or zip")));
   const group = el("div", { class: "choices", role: "radiogroup", "aria-label": judging ? "Model" : "Character" }, cards, upload);
   const filter = models.length > 8 ? el("input", { type: "search", placeholder: "Find a model", "aria-label": "Find a model", on: {
     input: (event) => cards.forEach((card, i) => { card.hidden = !models[i].name.toLowerCase().includes(event.target.value.toLowerCase()); }) } }) : null;
