@@ -46,6 +46,9 @@ class Watch:
         mask = opened | read | written | made
         assert libc.inotify_add_watch(self.handle, os.fsencode(folder), mask) >= 0
 
+    def close(self) -> None:
+        os.close(self.handle)
+
     def seen(self) -> list[str]:
         try:
             content = os.read(self.handle, 65536)
@@ -69,7 +72,7 @@ def pool() -> Iterator[Pool]:
 def watch() -> Iterator[Watch]:
     watch = Watch(malicious.write_canaries())
     yield watch
-    os.close(watch.handle)
+    watch.close()
 
 
 def test_the_watch_sees_a_read(watch: Watch) -> None:
