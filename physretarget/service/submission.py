@@ -61,7 +61,7 @@ def draft(form: Form, service: Service) -> Draft:
     model, model_id, model_name, model_content = _model(form, service, kind)
     inputs: dict[str, Any] = {"clip": clip}
     if kind == "retarget":
-        inputs |= _retarget_inputs(form, model or {})
+        inputs |= _retarget_inputs(form, clip, model or {})
     content = [kind, options, clip, model_content, inputs]
     digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
     return Draft(
@@ -104,11 +104,15 @@ def _model(
     return {"folder": found.id, "main": found.main}, found.id, found.name, found.id
 
 
-def _retarget_inputs(form: Form, model: Mapping[str, Any]) -> dict[str, Any]:
+def _retarget_inputs(
+    form: Form, clip: Mapping[str, str], model: Mapping[str, Any]
+) -> dict[str, Any]:
     poses = [{"name": u.name, "sha256": u.sha256} for u in form.files.get("keyposes", ())]
     if not poses and not model.get("builtin"):
         raise ApiError(422, "A character that is not built in needs key poses.", field="keyposes")
     skeleton = form.file("skeleton")
+    if skeleton is None and clip["name"].lower().endswith(".amc"):
+        raise ApiError(422, "An AMC capture needs its ASF file.", field="skeleton")
     named = {"name": skeleton.name, "sha256": skeleton.sha256} if skeleton else None
     return {"keyposes": poses, "skeleton": named}
 

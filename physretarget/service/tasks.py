@@ -153,12 +153,21 @@ def check_clip(request: Mapping[str, Any], folder: Path, progress: Progress) -> 
     progress(0.1, "read")
     path = Path(request["path"])
     if path.suffix.lower() in CLIP_SUFFIXES:
-        clip = load_clip(path, fps=request["fps"] or _ANY_FPS, quat=request["quat"])
-        _check_frames(clip.frames, request)
+        _check_frames(_look(path, request["fps"], request["quat"]).frames, request)
     elif path.suffix.lower() != ".amc" or request["skeleton"]:
         recording = capture.read(path, skeleton=request["skeleton"])
         _check_frames(len(recording.time), request)
     return {}
+
+
+def _look(path: Path, fps: float | None, quat: str | None) -> Clip:
+    """A clip, at any rate where its file states none and nobody has told one yet."""
+    try:
+        return load_clip(path, fps=fps, quat=quat)
+    except InputError as error:
+        if fps is not None or "states no frame rate" not in error.message:
+            raise
+    return load_clip(path, fps=_ANY_FPS, quat=quat)
 
 
 def _model_findings(character: Character) -> list[dict[str, Any]]:
