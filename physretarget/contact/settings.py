@@ -73,7 +73,7 @@ class ContactSettings:
     missed: float = 1e-3
     rolled: float = 4e-3
     releases: int = 5
-    shortest_stance: float = 0.05
+    shortest_stance: float = 0.1
     stance_weight: float = 1e4
     flight_weight: float = 1e2
     fade: float = 0.15
