@@ -265,3 +265,44 @@ def test_a_socket_serves_one_stream_after_the_other(jump: ActorMotion, tmp_path:
                 assert len(json.loads(file.readline())["qpos"]) == character.model.nq
     with pytest.raises(UsageError, match="HOST:PORT"):
         command._serve(mapper, "nowhere")
+
+
+def test_told_what_only_the_future_shows_it_stands_as_the_batch_path(
+    mapper: TrainedMapper, both: tuple[Retargeted, list[Posed]]
+) -> None:
+    """The tolerance that docs/stream.md states for standing frames."""
+    batch, _ = both
+    assert batch.contacted is not None
+    assert batch.phases is not None
+    streamer = Streamer(mapper)
+    frames = zip(batch.motion.time, batch.motion.qpos, strict=True)
+    told = np.array(
+        [
+            streamer.next(
+                float(t), q, planted=batch.phases.active[k], places=batch.contacted.target[k]
+            ).qpos
+            for k, (t, q) in enumerate(frames)
+        ]
+    )
+    apart = marker_rms(batch.character, told, batch.contacted.qpos) / batch.character.height
+    assert np.median(apart[batch.contacted.active.any(axis=1)]) < 0.02
+    assert np.median(apart) < 0.02
+
+
+def test_without_the_future_the_shape_is_close_and_the_drift_bounded(
+    both: tuple[Retargeted, list[Posed]],
+) -> None:
+    batch, stream = both
+    assert batch.contacted is not None
+    character = batch.character
+    at = [
+        kinematics.points(
+            kinematics.forward(character.tree, q), character.markers.body, character.markers.local
+        )
+        for q in (np.array([p.qpos for p in stream]), batch.contacted.qpos)
+    ]
+    away = at[0] - at[1]
+    drift = away.mean(axis=1, keepdims=True) * (1.0, 1.0, 0.0)
+    shape = np.sqrt(np.mean(np.sum((away - drift) ** 2, axis=2), axis=1)) / character.height
+    assert np.median(shape) < 0.03
+    assert np.linalg.norm(drift, axis=2).max() < 0.3 * character.height

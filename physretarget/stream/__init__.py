@@ -77,12 +77,23 @@ class Streamer:
         self.last = -math.inf
         self.frames = 0
 
-    def next(self, time: float, actor_qpos: Array) -> Posed:
+    def next(
+        self,
+        time: float,
+        actor_qpos: Array,
+        *,
+        planted: NDArray[np.bool_] | None = None,
+        places: Array | None = None,
+    ) -> Posed:
         """Map one frame.
 
         Args:
             time: s, later than that of the frame before.
             actor_qpos: (75,) of the reference actor, see :mod:`physretarget.capture.actor`.
+            planted: (10,) which of ``CONTACT_POINTS`` stand, where it is known from elsewhere
+                (pressure soles, a timetable); None to tell from the motion.
+            places: (nc, 3) where each contact point of the character that stands now belongs,
+                NaN for the others, in place of what follows from ``planted``; None otherwise.
 
         Raises:
             InputError: the pose has another length or is not finite, or time stands still.
@@ -96,7 +107,10 @@ class Streamer:
         self.before = local
         placed = self._moved(local, yaw, self.placer.next(yaw, com, self.body.com(local)))
         touch = self.toucher.next(points, step)
-        qpos = self._planted(placed, touch, step)
+        if planted is not None:
+            landing = np.where(planted, 0.0, np.where(touch.active, np.inf, touch.landing))
+            touch = Touch(np.array(planted, dtype=bool), landing)
+        qpos = self._planted(placed, touch, step, places)
         self.last = time
         self.frames += 1
         active = self.planter.held
@@ -134,14 +148,14 @@ class Streamer:
         moved[at : at + 2] = place
         return moved
 
-    def _planted(self, placed: Array, touch: Touch, step: float) -> Array:
+    def _planted(self, placed: Array, touch: Touch, step: float, known: Array | None) -> Array:
         character = self.character
         if not len(character.contacts):
             return placed
         self.body.pose(placed)
         markers = self.body.points(character.markers)
         contacts = self.body.points(character.contacts)
-        correction, shift = self.planter.next(touch, contacts, step)
+        correction, shift = self.planter.next(touch, contacts, step, known)
         if not correction.any():
             self.planter.reached = contacts
             return placed

@@ -19,10 +19,13 @@ from physretarget.stream.touch import Touch
 __all__ = ["PlantSettings", "Planter"]
 
 Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 
 
 NEAR = 0.002
 """A point is held while it is this near to its place, m."""
+MOVED = 0.001
+"""A known place that differs by this much from the last one is a new one, m."""
 SUNK, LIFTED = 0.0005, 0.03
 """A free point of a standing body stands once it is this deep in the floor, until the motion has
 it this high over it, m."""
@@ -79,16 +82,22 @@ class Planter:
         """(n,) which points are free while another one of the same body stands."""
         return ~self.active & self._with(self.active)
 
-    def next(self, touch: Touch, place: Array, step: float) -> tuple[Array, Array]:
+    def next(
+        self, touch: Touch, place: Array, step: float, known: Array | None = None
+    ) -> tuple[Array, Array]:
         """Corrections (n, 3) of points that the motion has at ``place`` (n, 3); shift (3,) of all.
 
-        The shift carries the whole body with the points that stand.
+        The shift carries the whole body with the points that stand. ``known`` (n, 3): where
+        points belong that stand, NaN for those that do not, if that is known from elsewhere.
         """
         told, floor = self.settings, self.character.floor_height
         active = (self.tied >= 0) & touch.active[self.tied]
+        if known is not None:
+            active = np.isfinite(known).all(axis=1)
         # What sinks while its body stands stands too, until the motion lifts it.
         sunk = (self.reached[:, 2] < floor - SUNK) | self.sunk
         self.sunk = sunk & self._with(active) & (place[:, 2] < floor + LIFTED)
+        self.sunk &= known is None
         active = active | self.sunk
         self.since += step
         self.shift_since += step
@@ -98,13 +107,9 @@ class Planter:
         come = np.where(standing[:, None], self.reached, place + self.correction)
         self.target[landed] = come[landed]
         self.target[landed, 2] = floor
-        far = active & ~landed
-        away = self.target - place
-        far &= np.hypot(away[:, 0], away[:, 1]) > told.reach * self.character.height
-        if far.any():  # the whole sole goes along
-            far |= active & self._with(far)
-            self.target[far] = place[far]
-            self.target[far, 2] = floor
+        far = self._moved_on(active & ~landed, place, known)
+        if known is not None:
+            self.target[active] = known[active]
         changed = landed | left | far
         changes_shift = bool(changed.any())
         self.active = active
@@ -119,13 +124,26 @@ class Planter:
         self.since[changed] = 0.0
         self.over[landed], self.over[left], self.over[far] = told.land, told.release, told.change
         self.arc[changed] = 0.0
-        self.arc[far] = told.hop * self.character.height
+        self.arc[far] = told.hop * self.character.height if known is None else 0.0
         share = np.minimum(self.since / self.over, 1.0)
         self.correction = goal + (1.0 - _eased(share))[:, None] * self.residual
         self.correction[:, 2] += 4.0 * self.arc * share * (1.0 - share)
         low = floor - place[:, 2]
         self.correction[:, 2] = np.maximum(self.correction[:, 2], low)
         return self.correction, self.shift
+
+    def _moved_on(self, standing: Bools, place: Array, known: Array | None) -> Bools:
+        """(n,) which of the standing points take a new place now; the whole sole goes along."""
+        if known is not None:
+            away = np.linalg.norm(np.nan_to_num(known - self.target), axis=1)
+            return standing & (away > MOVED)
+        away = np.linalg.norm((self.target - place)[:, :2], axis=1)
+        far = standing & (away > self.settings.reach * self.character.height)
+        if far.any():
+            far |= standing & self._with(far)
+            self.target[far] = place[far]
+            self.target[far, 2] = self.character.floor_height
+        return far
 
 
 def _eased(share: Array | float) -> Array:
