@@ -14,6 +14,7 @@ import os
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -147,14 +148,55 @@ def run(take: Take, models: Path, save: Path | None) -> Floor:
     if save is not None:
         save.mkdir(parents=True, exist_ok=True)
         assert result.contacted is not None
-        np.savez(
-            save / (take.name.replace("/", "-") + ".npz"),
-            time=result.motion.time,
-            active=result.contacted.active,
-            displacement=result.physical.displacement if result.physical else np.zeros(0),
+        kept: dict[str, Any] = {
+            "time": result.motion.time,
+            "active": result.contacted.active,
+            "displacement": result.physical.displacement if result.physical else np.zeros(0),
             **result.stages(),
-        )
+        }
+        np.savez(save / (take.name.replace("/", "-") + ".npz"), **kept)
     return judged(take.name, result, report)
+
+
+SEQUENCES = (
+    "| sequence | takes | s | depth, mm | where | skating, cm/s | slide / sink, mm "
+    "| mismatch falls by | root moved | errors | of these codes | computed, s per s |\n|"
+    + "---|"
+    * 12
+)
+
+
+def sequences(every: list[Floor]) -> list[str]:
+    """One line per character and style: the worst of its takes; errors are summed."""
+    lines = [SEQUENCES]
+    for name in dict.fromkeys(one.name.rpartition("/")[0] for one in every):
+        takes = [one for one in every if one.name.rpartition("/")[0] == name]
+        seconds = sum(one.seconds for one in takes)
+        worst = max(takes, key=lambda one: one.depth)
+        codes = sum((one.codes for one in takes), Counter())
+        counts = " ".join(f"{code} {codes[code]}" for code in SEVERE if codes[code])
+        cells = [
+            name,
+            f"{len(takes)}",
+            f"{seconds:.1f}",
+            f"{1000 * worst.depth:.1f}",
+            f"{worst.name.rpartition('/')[2]}, {worst.where}" if worst.depth > 0.001 else "",
+            f"{100 * max(one.skate for one in takes):.1f}",
+            f"{1000 * max(o.slide for o in takes):.2f} / {1000 * max(o.sink for o in takes):.2f}",
+            f"{min(one.mismatch for one in takes):.0%}",
+            f"{max(one.displacement for one in takes):.1%}",
+            f"{sum(one.errors for one in takes)}",
+            counts,
+            f"{sum(one.computed for one in takes) / seconds:.2f}",
+        ]
+        lines.append("| " + " | ".join(cells) + " |")
+    return lines
+
+
+def all_takes(data: Path) -> list[Floor]:
+    """Every take of the evaluation."""
+    models = models_folder()
+    return [run(take, models, None) for take in make_plan(data, models).takes]
 
 
 def main() -> None:
@@ -164,14 +206,19 @@ def main() -> None:
         "--data", type=Path, default=Path(os.environ.get("PHYSRETARGET_DATA", str(beside)))
     )
     parser.add_argument("--only", nargs="*", default=[""], help="parts of the takes' names")
+    parser.add_argument("--sequences", action="store_true", help="one line per style at the end")
     parser.add_argument("--save", type=Path, help="keep every stage's poses there")
     options = parser.parse_args()
     models = models_folder()
     plan = make_plan(options.data, models)
     print(HEADER, flush=True)
+    every = []
     for take in plan.takes:
         if any(part in take.name for part in options.only):
-            print(run(take, models, options.save).row, flush=True)
+            every.append(run(take, models, options.save))
+            print(every[-1].row, flush=True)
+    if options.sequences:
+        print("\n".join(["", *sequences(every)]))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""How good the lamp's clips are: one table over real captures, to be run again after any tuning.
+"""How good the clips are: tables over real captures, to be run again after any tuning.
 
     python -m benchmarks.quality [--data FOLDER] [--out docs/retarget-quality.md]
 
@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.floor import all_takes, sequences
 from benchmarks.row import number
 from physretarget import capture, ik, mapping
 from physretarget.demo import models_folder, motions_folder
@@ -143,8 +144,25 @@ def page(data: Path | None) -> str:
             "",
             *returned(lamp),
             "",
+            *(on_the_floor(data) if data else []),
         ]
     )
+
+
+def on_the_floor(data: Path) -> list[str]:
+    """All sequences of the paper's evaluation: how deep, how fast on the floor."""
+    return [
+        "## On the floor: the sequences of the paper's evaluation",
+        "",
+        "The takes of `physretarget reproduce yamane2010` (`python -m benchmarks.floor` lists "
+        "each): the worst of each sequence's takes after the last stage. Depth: the lowest point of any "
+        "geom of the whole body, by the validator's geometry (aim: 10 mm at most). Skating: the "
+        "fastest planted point (aim: 5 cm/s at most). Slide and sink as above. Errors are those "
+        "of validation, at most ten of each code counted per take.",
+        "",
+        *sequences(all_takes(data)),
+        "",
+    ]
 
 
 def main() -> None:
