@@ -194,7 +194,15 @@ def test_another_version_of_the_model_is_remarked(lamp: Character, tmp_path: Pat
     assert any("another version" in remark.message for remark in check(loaded, lamp))
 
 
-@pytest.mark.parametrize("content", [b"", b"\xff\xfe", b"[[pose]]", b"pose = 3"])
+HOSTILE = [
+    b"x = " + b"[" * 8000,  # nested until the stack ends
+    b"[" + b"a." * 100_000 + b"a]",  # takes a minute to read
+    b"x = " + b"9" * 8000,  # a number of too many digits
+    b"#\n" * (5 * 2**20),
+]
+
+
+@pytest.mark.parametrize("content", [b"", b"\xff\xfe", b"[[pose]]", b"pose = 3", *HOSTILE])
 def test_garbage_is_refused(lamp: Character, tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "x.toml"
     path.write_bytes(content)

@@ -24,6 +24,8 @@ __all__ = ["FORMAT", "load", "load_keyposes", "save"]
 Array = NDArray[np.float64]
 
 FORMAT = "physretarget/keyposes/1"
+MAX_CHARACTERS = 4 * 2**20  # the largest that comes with the package has 150 thousand
+MAX_LINE = 8192
 TOP_KEYS = ("format", "license", "reference_actor", "character", "pose")
 POSE_KEYS = ("name", "note", "planted", "source", "actor", "character")
 
@@ -58,14 +60,28 @@ def load(path: str | PathLike[str], character: Character) -> KeyPoseSet:
         raise InputError(f"cannot be read: {error.strerror}", path=file) from error
     except UnicodeDecodeError as error:
         raise InputError("is no UTF-8 text, so no key pose file", path=file) from error
+    _check_size(text, file)
     try:
         content = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # also for numbers of too many digits
         line = re.search(r"line (\d+)", str(error))
         raise InputError(
             f"is no valid TOML: {error}", path=file, line=int(line[1]) if line else None
         ) from error
     return _Reader(file, text, character).read(content)
+
+
+def _check_size(text: str, file: Path) -> None:
+    # Keys of many parts and long numbers take time with the square of their length.
+    if len(text) > MAX_CHARACTERS:
+        raise InputError(
+            f"has {len(text)} characters, at most {MAX_CHARACTERS} are read", path=file
+        )
+    for number, line in enumerate(text.splitlines(), start=1):
+        if len(line) > MAX_LINE:
+            raise InputError(
+                f"the line is longer than {MAX_LINE} characters", path=file, line=number
+            )
 
 
 def save(keyposes: KeyPoseSet, path: str | PathLike[str], character: Character) -> None:
