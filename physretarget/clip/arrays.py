@@ -139,10 +139,10 @@ def npy_frames(
         file = opened()
         _header(file, size=size, path=path, what=what)
         each = math.prod(header.shape[1:])
-        for first in range(0, header.shape[0] if each else 0, PART):
+        for first in range(0, header.shape[0], PART):
             count = min(PART, header.shape[0] - first)
             data = _exactly(file, count * each * header.dtype.itemsize, path=path, what=what)
-            flat = np.frombuffer(data, header.dtype)
+            flat = np.frombuffer(data, header.dtype) if data else np.zeros(0)
             yield flat.reshape(count, *header.shape[1:]).astype(np.float64)
 
     return Frames(header.shape, parts)

@@ -292,7 +292,9 @@ def rows_of(*arrays: Frames, frames: int | None = None) -> Rows:
             yield np.concatenate(together, axis=1)[: count - done]
             done += len(together[0])
 
-    return Rows(parts(), sum(a.shape[1] for a in arrays))
+    width = sum(a.shape[1] for a in arrays)
+    # Frames of nothing take no bytes: a header may claim any number of them.
+    return Rows(parts() if width else (), width)
 
 
 def order_of(text: str | None) -> QuatOrder | None:
