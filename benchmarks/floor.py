@@ -152,8 +152,8 @@ def run(take: Take, models: Path, save: Path | None) -> Floor:
             "time": result.motion.time,
             "active": result.contacted.active,
             "displacement": result.physical.displacement if result.physical else np.zeros(0),
-            **result.stages(),
         }
+        kept.update({str(stage): qpos for stage, qpos in result.stages().items()})
         np.savez(save / (take.name.replace("/", "-") + ".npz"), **kept)
     return judged(take.name, result, report)
 
