@@ -68,7 +68,8 @@ def serve_command(
     _check_extra()
     from physretarget.sandbox.limits import Limits
     from physretarget.service import logs
-    from physretarget.service.server import is_loopback, serve
+    from physretarget.service.home import Home
+    from physretarget.service.listen import address, is_loopback, listen
     from physretarget.service.settings import LOOPBACK, Settings
 
     logs.set_up(quiet=common.messages.quiet)
@@ -79,7 +80,13 @@ def serve_command(
         require_tokens=not local,
     )  # fmt: skip
     settings = replace(settings, limits=_limits(Limits(), limit or []))
-    serve(settings, host, port, lambda url: typer.echo(f"physretarget listens at {url}"))
+    Home(data)
+    with listen(host, port) as listening:
+        # Only now: MuJoCo and the rest take a second, in which nobody should wait for an error.
+        from physretarget.service.server import serve
+
+        url = address(listening, host)
+        serve(settings, listening, lambda: typer.echo(f"physretarget listens at {url}"))
 
 
 @command(group, "create", example="physretarget token create --scope submit --name ci")

@@ -51,14 +51,12 @@ class Protocol(H11Protocol):
             (b"content-length", str(len(content)).encode()),
             (b"connection", b"close"),
         ]
-        for event in (
+        events = (
             h11.Response(status_code=400, headers=headers, reason=b"Bad Request"),
             h11.Data(data=content.encode()),
             h11.EndOfMessage(),
-        ):
-            output = self.conn.send(event)
-            if output:
-                self.transport.write(output)
+        )
+        self.transport.write(b"".join(self.conn.send(event) or b"" for event in events))
         self.transport.close()
 
     def _wait_for_headers(self) -> None:

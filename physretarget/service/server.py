@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import ipaddress
-import os
 import signal
 import socket
 import threading
@@ -14,7 +12,6 @@ import uvicorn
 from fastapi import FastAPI
 from uvicorn.server import HANDLED_SIGNALS
 
-from physretarget.errors import UsageError
 from physretarget.service.app import create_app
 from physretarget.service.protocol import Protocol
 from physretarget.service.service import Service
@@ -24,57 +21,15 @@ _HEADER_BYTES = 32 * 1024
 _GRACE_S = 5
 
 
-def is_loopback(host: str) -> bool:
-    """Whether only this machine can reach that address."""
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
-
-
-def listen(host: str, port: int) -> socket.socket:
-    """A listening socket.
+def serve(settings: Settings, listening: socket.socket, ready: Callable[[], None]) -> None:
+    """Serve until SIGINT or SIGTERM; ``ready`` is called when requests are answered.
 
     Raises:
-        UsageError: the port is taken, or the address is not one of this machine's.
-    """
-    try:
-        family, _, _, _, address = socket.getaddrinfo(
-            host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
-        )[0]
-        made = socket.socket(family, socket.SOCK_STREAM)
-    except OSError as error:
-        raise UsageError(f"{host} is no address of this machine: {error.strerror}.") from error
-    try:
-        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        # Connections inherit it. Without it a body waits 40 ms behind its header, until the
-        # client has acknowledged that; asyncio sets it only for sockets that name their protocol.
-        made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        made.bind(address)
-        made.listen(256)
-    except OSError as error:
-        made.close()
-        reason = os.strerror(error.errno) if error.errno else str(error)
-        raise UsageError(
-            f"cannot listen at {host}, port {port}: {reason}; --port takes another."
-        ) from error
-    return made
-
-
-def serve(settings: Settings, host: str, port: int, ready: Callable[[str], None]) -> None:
-    """Serve until SIGINT or SIGTERM; ``ready`` is told the URL.
-
-    Raises:
-        UsageError: the port is taken, the data folder is in use, tokens are missing.
+        UsageError: the data folder is in use, tokens are missing.
         InputError: the data folder or the history cannot be used.
     """
-    with listen(host, port) as listening:
-        service = Service(settings)
-        shown = f"[{host}]" if ":" in host else host
-        url = f"http://{shown}:{listening.getsockname()[1]}"
-        Server(configuration(create_app(service)), lambda: ready(url), service).run(
-            sockets=[listening]
-        )
+    service = Service(settings)
+    Server(configuration(create_app(service)), ready, service).run(sockets=[listening])
 
 
 def configuration(app: FastAPI) -> uvicorn.Config:

@@ -23,6 +23,7 @@ from physretarget.suite.queue import JobRecord, NewJob, Queue
 from physretarget.suite.registry import ClipRecord, Registry
 from physretarget.suite.store import Store
 
+_CHUNK = 500  # contents per question to the database
 log = logging.getLogger("physretarget.service")
 
 
@@ -165,13 +166,16 @@ class Service:
     def discard(self, sha256s: Iterable[str]) -> None:
         """Remove contents that neither a registered clip nor a job to come needs."""
         with self._blobs:
-            for sha256 in set(sha256s) - self.queue.needed_blobs():
+            asked = set(sha256s)
+            for sha256 in asked - self.queue.needed_blobs(asked):
                 if not self.registry.has_content(sha256):
                     self.home.blob(sha256).unlink(missing_ok=True)
 
     def _collect(self) -> None:
         """Remove contents and models that a server which died left without an owner."""
-        self.discard(path.name for path in self.home.blobs.iterdir())
+        names = sorted(path.name for path in self.home.blobs.iterdir())
+        for start in range(0, len(names), _CHUNK):
+            self.discard(names[start : start + _CHUNK])
         for folder in self.home.models.iterdir():
             if (
                 self.registry.model(folder.name) is None

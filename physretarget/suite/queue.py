@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import secrets
 import time
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields
 from datetime import UTC, datetime
 from typing import Any, Literal
@@ -295,18 +295,22 @@ class Queue:
             )
         return int(done.rowcount)
 
-    def needed_blobs(self) -> set[str]:
-        """Contents that a job which has not ended still needs."""
-        return {sha256 for inputs in self._open_inputs() for sha256 in inputs.get("blobs", ())}
+    def needed_blobs(self, among: Collection[str]) -> set[str]:
+        """Those contents that a job which has not ended still needs."""
+        # A validation needs its clip only; there may be many, so these are found by column.
+        found = self._open_inputs(
+            sa.or_(jobs.c.clip_sha256.in_(sorted(among)), jobs.c.kind != "validate")
+        )
+        return {sha256 for inputs in found for sha256 in inputs.get("blobs", ())} & set(among)
 
     def needed_models(self) -> set[str]:
         """Folders of models that a job which has not ended still needs."""
         folders = {inputs.get("model", {}).get("folder") for inputs in self._open_inputs()}
         return folders - {None}
 
-    def _open_inputs(self) -> list[dict[str, Any]]:
+    def _open_inputs(self, *where: sa.ColumnElement[bool]) -> list[dict[str, Any]]:
         query = sa.select(jobs.c.inputs).where(
-            jobs.c.home == self._home, jobs.c.status.in_(("queued", "running"))
+            jobs.c.home == self._home, jobs.c.status.in_(("queued", "running")), *where
         )
         with self._store.read() as connection:
             return list(connection.execute(query).scalars())

@@ -22,7 +22,8 @@ import httpx
 
 from physretarget.sandbox.pool import Pool
 from physretarget.service.app import create_app
-from physretarget.service.server import Server, configuration, listen
+from physretarget.service.listen import listen
+from physretarget.service.server import Server, configuration
 from physretarget.service.service import Service
 from physretarget.service.settings import Settings
 

@@ -189,11 +189,13 @@ def test_pages_and_searches(queue: Queue) -> None:
 
 
 def test_what_is_still_needed(queue: Queue) -> None:
-    submitted(queue, inputs={"blobs": ["b1", "b2"], "model": {"folder": "m1"}})
-    assert queue.needed_blobs() == {"b1", "b2"}
+    submitted(queue, kind="retarget", inputs={"blobs": ["b1", "b2"], "model": {"folder": "m1"}})
+    submitted(queue, clip_sha256="b4", inputs={"blobs": ["b4"]})
+    assert queue.needed_blobs({"b1", "b2", "b3", "b4"}) == {"b1", "b2", "b4"}
     assert queue.needed_models() == {"m1"}
-    queue.finish(claimed(queue), "done", result="1")
-    assert queue.needed_blobs() == queue.needed_models() == set()
+    for _ in range(2):
+        queue.finish(claimed(queue), "done", result="1")
+    assert queue.needed_blobs({"b1", "b4"}) == queue.needed_models() == set()
 
 
 def test_only_what_has_ended_is_deleted(queue: Queue) -> None:
