@@ -192,7 +192,7 @@ class _Watch:
         self._cancelled = cancelled
         self._log = b""
         self._line = b""
-        self._received = 0
+        self._received = self._printed = 0
         self.last: dict[str, Any] = {}
 
     @property
@@ -235,8 +235,9 @@ class _Watch:
             self._print(os.read(self._process.log, 65536))
 
     def _print(self, content: bytes) -> bool:
+        self._printed += len(content)
         self._log = (self._log + content)[-_TAIL:]
-        return True
+        return self._printed <= self._limits.answer_bytes
 
     def _message(self, content: bytes) -> bool:
         """Take in whole lines; False when there is too much."""

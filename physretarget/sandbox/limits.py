@@ -42,7 +42,7 @@ class Limits:
         open_files: file descriptors of a job.
         processes: processes and threads of the user that the job runs as.
         request_bytes: the request sent to a job, as JSON.
-        answer_bytes: the answer and all progress of a job, as JSON.
+        answer_bytes: the answer and all progress of a job, as JSON; and what it prints.
         clip_frames: frames of a clip.
     """
 

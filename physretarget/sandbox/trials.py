@@ -127,10 +127,10 @@ def fill(request: Mapping[str, Any], folder: Path, progress: Progress) -> dict[s
 
 
 def flood(request: Mapping[str, Any], folder: Path, progress: Progress) -> dict[str, Any]:
-    """Write to every descriptor that is open, without end."""
+    """Write to the descriptors from ``first`` to ``last`` that are open, without end."""
     lines = b'{"progress": 0.5, "stage": "' + b"x" * 60_000 + b'"}\n'
     while True:
-        for handle in range(1, 64):
+        for handle in range(request["first"], request["last"] + 1):
             try:
                 os.write(handle, lines)
             except OSError:
