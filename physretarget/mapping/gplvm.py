@@ -34,6 +34,7 @@ from physretarget.mapping.search import Prior, SearchSettings, locate, locate_as
 from physretarget.mapping.threads import one_thread
 
 _SIGNAL, _SHARPNESS, _OFFSET = (1e-2, 1e2), (1e-3, 1e1), (1e-6, 1e1)
+_BLOCK = 8192  # frames searched at a time: the search's arrays are the largest of a long capture
 BOUNDS_Y = (_SIGNAL, _SHARPNESS, _OFFSET, (3e-4, 1e-3))
 BOUNDS_Z = (_SIGNAL, _SHARPNESS, _OFFSET, (1e-4, 1e-3))
 """Boxes of the kernel parameters (θ1, θ2, θ3, 1/β), features scaled to unit RMS spread. The prior
@@ -124,7 +125,18 @@ class SharedGPLVM:
         and all at once agree; the paper's search wants them in order of time.
         """
         frames = self.space_y.normal(checked_frames(y, self.space_y.centre.size))
-        return self.decode(*self.located(frames))
+        if self.search.guide == 0 or len(frames) <= _BLOCK:
+            return self.decode(*self.located(frames))
+        blocks = [
+            self.decode(*self.located(frames[start : start + _BLOCK]))
+            for start in range(0, len(frames), _BLOCK)
+        ]
+        return Mapped(
+            np.concatenate([block.mean for block in blocks]),
+            np.concatenate([block.variance for block in blocks]),
+            np.concatenate([block.latent for block in blocks if block.latent is not None]),
+            self.calibration.share,
+        )
 
     def located(self, frames: Array) -> tuple[Array, Array]:
         """Latent points (T, DX) of normal frames (T, DY), and how unsure each coordinate is (T,).

@@ -175,3 +175,15 @@ def test_latent_map_is_a_plane_with_low_variance_at_key_poses() -> None:
     assert drawn.variance.shape == (20, 20)
     np.testing.assert_allclose(drawn.axes @ drawn.axes.T, np.eye(2), atol=1e-12)
     assert model.decode(model.latent).variance.max() < np.median(drawn.variance)
+
+
+def test_long_clips_are_mapped_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = fit("sgplvm", *keys(), dims=3)
+    y, _ = clip()
+    whole = model.predict(y)
+    monkeypatch.setattr("physretarget.mapping.gplvm._BLOCK", 50)
+    blocks = model.predict(y)
+    assert blocks.latent is not None
+    assert blocks.latent.shape == (len(y), 3)
+    np.testing.assert_allclose(blocks.mean, whole.mean, atol=2e-3 * np.ptp(whole.mean))
+    np.testing.assert_allclose(blocks.variance, whole.variance, rtol=0.02)
