@@ -27,7 +27,8 @@ def _ruhland2017(data: Path, out: Path, processes: int, step: Step) -> tuple[Pat
     from physretarget.face.reproduce import reproduce
     from physretarget.face.reproduce_page import write_all
 
-    return write_all(reproduce(data, progress=step), out)  # one process: it also tells its cost
+    # One process: it also tells its cost.
+    return write_all(reproduce(data, parts=out / "parts", progress=step), out)
 
 
 PAPERS = {"yamane2010": _yamane2010, "ruhland2017": _ruhland2017}

@@ -135,12 +135,12 @@ def _append(rows: _Rows, number: int, local: Array) -> None:
     rows.slopes[-1].append(float(local[0, 5] / local[0, 4]))
     rows.steep[-1] = max(rows.steep[-1], float(steep[0]))
     last = len(local) - 1
+    # Whole frames where the keys stay apart; else all as they are, lest two meet.
+    whole = bool(np.diff(np.round(local[:, 0])).min() > 0)
     for k in range(1, len(local)):
         row = local[k].copy()
-        if k < last:
-            row[0] = (
-                round(row[0]) if np.diff(np.round(local[k - 1 : k + 2, 0])).min() > 0 else row[0]
-            )
+        if k < last and whole:
+            row[0] = round(row[0])
         rows.table.append(row)
         rows.slopes.append([float(row[3] / row[2])] if k == last else [])
         rows.steep.append(float(steep[k - 1]))

@@ -39,9 +39,9 @@ class MatchSettings:
     is dense, high sparse. placement: ``optimal``, the paper's ``greedy``, or ``joint``:
     optimal for each rig group together, its channels keyed at one time but for small lags.
     phrases: the optimal one may take segments of more than two keys as well, at twice the time.
-    turns, rests: how much cheaper, in prices of a key, cuts at turning points and at the ends of
-    rests are.
     stretch: of phrases in time, ``uniform`` or, after Keogh, of their ``middle`` alone.
+    trust: weigh frames by the jitter measured from the capture. turns, rests: how much cheaper, in
+    prices of a key, cuts at turning points and at the ends of rests are.
     lips: match them too. least_confidence: pieces below it are flagged as doubtful.
     """
 
@@ -52,6 +52,7 @@ class MatchSettings:
     phrases: bool = False
     stretch: str = "uniform"
     lips: bool = False
+    trust: bool = True
     turns: float = 0.25
     rests: float = 0.0
     least_confidence: float = 0.3
@@ -242,6 +243,8 @@ def _group(
     locked: Mapping[str, Sequence[Key]],
 ) -> dict[str, ChannelResult]:
     job = _prepare(take, channels, locked, settings.fidelity)
+    if not settings.trust:
+        job.dense.weight[:] = 1.0
     prices = CoverSettings(
         fidelity=settings.fidelity,
         key_cost=settings.key_cost,

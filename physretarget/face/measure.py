@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import wasserstein_distance
 
 from physretarget.face.curve import Curve
 
@@ -141,17 +142,32 @@ def turning_point_timing(result: Array, capture: Array, least: float) -> Timing:
 
 @dataclass(frozen=True)
 class Style:
-    """How keys are set: spacing, tangent lengths (of the span), flat and held shares."""
+    """How keys are set: spacing (s), tangent lengths (of the span), slopes, flat and held shares.
+
+    Slopes as multiples of the curve's extent over the span's width, at most 10.
+    """
 
     spacing: Array
     handles: Array
+    slopes: Array
     flat_share: float
     hold_share: float
 
 
+def distances(found: Style, reference: Style) -> tuple[float, float, float]:
+    """Wasserstein distances of spacing, tangent lengths and slopes; not a number without keys."""
+    if not len(found.spacing) or not len(reference.spacing):
+        return float("nan"), float("nan"), float("nan")
+    return (
+        float(wasserstein_distance(found.spacing, reference.spacing)),
+        float(wasserstein_distance(found.handles, reference.handles)),
+        float(wasserstein_distance(found.slopes, reference.slopes)),
+    )
+
+
 def style(curves: list[Curve], level: float = 0.01) -> Style:
     """Key statistics of curves; level: slopes and rises under this part of the range are flat."""
-    spacing, handles, flat, hold = [], [], [], []
+    spacing, handles, slopes, flat, hold = [], [], [], [], []
     for curve in curves:
         if len(curve.keys) < 2:
             continue
@@ -161,13 +177,18 @@ def style(curves: list[Curve], level: float = 0.01) -> Style:
         spacing.append(width)
         handles.append((controls[:, 1, 0] - controls[:, 0, 0]) / width)
         handles.append((controls[:, 3, 0] - controls[:, 2, 0]) / width)
+        for a, b in ((0, 1), (2, 3)):
+            run = np.maximum(controls[:, b, 0] - controls[:, a, 0], 1e-3 * width)
+            rise = controls[:, b, 1] - controls[:, a, 1]
+            slopes.append(np.clip(np.abs(rise / run) * width / extent, 0.0, 10.0))
         flat.append(np.abs(controls[:, 1, 1] - controls[:, 0, 1]) < level * extent)
         hold.append(np.ptp(controls[:, :, 1], axis=1) < level * extent)
     if not spacing:
-        return Style(np.empty(0), np.empty(0), 0.0, 0.0)
+        return Style(np.empty(0), np.empty(0), np.empty(0), 0.0, 0.0)
     return Style(
         np.concatenate(spacing),
         np.concatenate(handles),
+        np.concatenate(slopes),
         float(np.concatenate(flat).mean()),
         float(np.concatenate(hold).mean()),
     )

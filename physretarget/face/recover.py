@@ -8,15 +8,15 @@ animator set, side by side with plain reducers at the same number of keys.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from physretarget.face.curve import Curve
 from physretarget.face.library import Example, Library
-from physretarget.face.match import Banks, MatchSettings, match
-from physretarget.face.measure import key_f1, pseudo_capture
+from physretarget.face.match import Banks, ChannelResult, MatchSettings, match
+from physretarget.face.measure import Style, distances, key_f1, pseudo_capture, style
 from physretarget.face.reduce import decimate, schneider
 from physretarget.face.rig import Rig, RigChannel
 from physretarget.face.shot import Take
@@ -26,7 +26,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Recovery:
-    """Means over curves: F1 of keys, error to the clean curve (of its range), keys per curve."""
+    """Means over curves: F1 of keys, error to the clean curve (of its range), keys per curve.
+
+    spacing, handles, slopes: Wasserstein distance to the held-out curves' own key spacing (s),
+    tangent lengths (part of the span) and slopes (of a straight line through the span); holds:
+    share of held spans less the animators' share. doubtful: share of flagged pieces, and how many
+    of these and of the others begin and end on a key of the animator's; none for reducers.
+    """
 
     name: str
     curves: int
@@ -35,6 +41,18 @@ class Recovery:
     recall: float
     error: float
     keys: float
+    spacing: float
+    handles: float
+    slopes: float
+    holds: float
+    doubtful: float | None = None
+    right_if_doubtful: float | None = None
+    right_if_sure: float | None = None
+
+
+def test_files(names: Sequence[str]) -> tuple[str, ...]:
+    """The part that parameters were never tuned on: every third name in order, from the third."""
+    return tuple(sorted(set(names))[2::3])
 
 
 def signature(example: Example) -> tuple[object, ...]:
@@ -66,6 +84,13 @@ def hold_out(
     return rest, tuple(asked.values())
 
 
+@dataclass
+class _Scores:
+    rows: list[list[float]] = field(default_factory=list)
+    curves: list[Curve] = field(default_factory=list)
+    pieces: list[tuple[bool, bool]] = field(default_factory=list)  # doubtful, right
+
+
 def recover(
     library: Library,
     examples: Sequence[Example],
@@ -76,29 +101,62 @@ def recover(
     jitter: float = 1.0,
     tolerance: float = 1.0,
     seed: int = 0,
-) -> tuple[Recovery, Recovery, Recovery]:
-    """Matcher, decimation and Schneider's fit at the matcher's number of keys, curve by curve."""
+    together: bool = False,
+) -> tuple[Recovery, ...]:
+    """Matcher, decimation and Schneider's fit at the matcher's number of keys, curve by curve.
+
+    together: curves of one layer with the same extent (a position's axes) are one take, so that
+    joint placement has something to join; curves without such companions are then left out.
+    """
     banks: Banks = {}
-    rows: dict[str, list[list[float]]] = {settings.method: [], "decimate": [], "schneider": []}
-    rng = np.random.default_rng(seed)
-    for example in examples:
-        clean, noisy = pseudo_capture(example.curve, fps, rng, noise=noise, jitter=jitter)
-        true = (example.curve.time - example.curve.start) * fps
-        take = Take(example.channel, np.arange(len(noisy)) / fps, ("x",), noisy[:, None])
-        low, high = float(noisy.min()), float(noisy.max())
-        channel = RigChannel("x", "other", low, high, {"x": 1.0})
-        result = match(take, library, Rig("one", (channel,)), settings, banks=banks)
-        curve = result.channels["x"].curve
-        count = len(curve.keys)
-        found = {
-            settings.method: curve,
-            "decimate": decimate(noisy, fps, keys=count),
-            "schneider": schneider(noisy, fps, keys=count),
-        }
-        for name, output in found.items():
-            rows[name].append(_scores(output, true, clean, take.time, fps, tolerance))
-    first, second, third = (_mean(name, row) for name, row in rows.items())
-    return first, second, third
+    scores = {name: _Scores() for name in (settings.method, "decimate", "schneider")}
+    for members in _takes(examples, together):
+        columns = [
+            pseudo_capture(
+                examples[k].curve, fps, np.random.default_rng([seed, k]), noise=noise, jitter=jitter
+            )
+            for k in members
+        ]
+        values = np.stack([noisy for _, noisy in columns], axis=1)
+        names = tuple(f"c{k}" for k in members)
+        take = Take("held out", np.arange(len(values)) / fps, names, values)
+        channels = tuple(
+            RigChannel(name, "other", float(v.min()), float(v.max()) + 1e-12, {name: 1.0})
+            for name, v in zip(names, values.T, strict=True)
+        )
+        result = match(take, library, Rig("held out", channels), settings, banks=banks)
+        for k, name, (clean, noisy) in zip(members, names, columns, strict=True):
+            true = (examples[k].curve.time - examples[k].curve.start) * fps
+            found = result.channels[name]
+            count = len(found.curve.keys)
+            outputs = (found.curve, decimate(noisy, fps, keys=count),
+                       schneider(noisy, fps, keys=count))  # fmt: skip
+            for score, output in zip(scores.values(), outputs, strict=True):
+                score.rows.append(_scores(output, true, clean, take.time, fps, tolerance))
+                score.curves.append(output)
+            scores[settings.method].pieces += _right(found, true / fps, tolerance / fps)
+    reference = style([e.curve for e in examples])
+    return tuple(_mean(name, score, reference) for name, score in scores.items())
+
+
+def _takes(examples: Sequence[Example], together: bool) -> list[list[int]]:
+    if not together:
+        return [[k] for k in range(len(examples))]
+    groups: dict[tuple[str, str, float, float], list[int]] = {}
+    for k, e in enumerate(examples):
+        layer = e.channel.rpartition(".")[0]
+        key = (e.shot, layer, round(e.curve.start, 4), round(e.curve.end, 4))
+        groups.setdefault(key, []).append(k)
+    return [members for members in groups.values() if len(members) > 1]
+
+
+def _right(found: ChannelResult, true: Array, tolerance: float) -> list[tuple[bool, bool]]:
+    """Per piece whether it is flagged, and whether both its ends are keys of the animator's."""
+
+    def near(time: float) -> bool:
+        return bool(np.abs(true - time).min() <= tolerance + 1e-9)
+
+    return [(p.doubtful, near(p.start) and near(p.end)) for p in found.pieces]
 
 
 def _scores(
@@ -109,6 +167,23 @@ def _scores(
     return [f1, precision, recall, deviation / max(float(np.ptp(clean)), 1e-12), len(curve.keys)]
 
 
-def _mean(name: str, rows: list[list[float]]) -> Recovery:
-    table = np.array(rows) if rows else np.full((1, 5), np.nan)
-    return Recovery(name, len(rows), *(float(v) for v in table.mean(axis=0)))
+def _mean(name: str, score: _Scores, reference: Style) -> Recovery:
+    table = np.array(score.rows) if score.rows else np.full((1, 5), np.nan)
+    found = style(score.curves)
+    flags = np.array(score.pieces, dtype=bool).reshape(-1, 2)
+    doubtful, right = flags[:, 0], flags[:, 1]
+    f1, precision, recall, error, keys = (float(v) for v in table.mean(axis=0))
+    return Recovery(
+        name,
+        len(score.rows),
+        f1,
+        precision,
+        recall,
+        error,
+        keys,
+        *distances(found, reference),
+        found.hold_share - reference.hold_share,
+        float(doubtful.mean()) if len(flags) else None,
+        float(right[doubtful].mean()) if doubtful.any() else None,
+        float(right[~doubtful].mean()) if (~doubtful).any() else None,
+    )

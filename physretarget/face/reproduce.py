@@ -5,6 +5,7 @@ what a count alone hides: plain reducers at the same number of keys, timing of t
 closeness to an animator's way of keying, and recovery of keys that an animator really set.
 The paper's own rig, captures and 1 minute of commissioned animation are not public: the numbers
 are of other faces and stand beside the paper's, they do not repeat them.
+Every step's numbers are kept beside the page, so that a run that was cut short goes on.
 """
 
 from __future__ import annotations
@@ -17,33 +18,48 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import wasserstein_distance
 
 from physretarget.errors import InputError
 from physretarget.face.curve import Curve
 from physretarget.face.formats import read_take
-from physretarget.face.library import Library
+from physretarget.face.library import Example, Library
 from physretarget.face.match import Banks, MatchSettings, Result, match
-from physretarget.face.measure import Style, extremum_timing, style
-from physretarget.face.recover import Recovery, hold_out, recover
+from physretarget.face.measure import Style, distances, style, turning_point_timing
+from physretarget.face.parts import Parts
+from physretarget.face.recover import Recovery, hold_out, recover, test_files
 from physretarget.face.reduce import reduce_curve
 from physretarget.face.report import REDUCERS
 from physretarget.face.rig import Rig
-from physretarget.face.screen import METHODS, Method
+from physretarget.face.screen import METHODS
 from physretarget.face.shot import Take
 
 Array = NDArray[np.float64]
-PLACEMENTS = ("greedy", "optimal")
+PLACEMENTS = ("greedy", "optimal", "joint")
+RATES = (60.0, 30.0)
+VARIANTS: dict[str, dict[str, Any]] = {
+    "as shipped": {},
+    "no cheaper cuts at turning points": {"turns": 0.0},
+    "cheaper cuts at rests too": {"rests": 0.25},
+    "all frames trusted alike": {"trust": False},
+    "phrases too": {"phrases": True},
+    "phrases, only their middle stretched": {"phrases": True, "stretch": "middle"},
+    "greedy placement": {"placement": "greedy"},
+}
+"""What is left out or added, each alone, in the measure on held-out curves."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReproduceSettings:
-    """takes: 4-second takes per capture file, spread evenly; held_out: shots for recovery."""
+    """takes: 4-second takes per capture file, spread evenly.
+
+    curves: most curves asked for per collection; variants: curves for each variant.
+    """
 
     seconds: float = 4.0
     fps: float = 30.0
-    takes: int = 3
-    held_out: int = 12
+    takes: int = 2
+    curves: int = 200
+    variants: int = 40
     seed: int = 0
 
 
@@ -52,8 +68,9 @@ class Row:
     """Means over channels of all takes.
 
     keys (and their standard deviation), error (root mean square, of what the channel moves),
-    timing (frames), spacing and handles (Wasserstein distance to the library's: s, part of span),
-    flat and holds (shares of flat tangents and held spans), seconds of computing per take.
+    timing (frames, of the turning points found), missed (share of those not found), spacing (s),
+    handles (part of span), slopes: Wasserstein distances to the library's; flat and holds: shares
+    of flat tangents and held spans; seconds of computing per take.
     """
 
     name: str
@@ -62,16 +79,28 @@ class Row:
     spread: float
     error: float
     timing: float
+    missed: float
     spacing: float
     handles: float
+    slopes: float
     flat: float
     holds: float
     seconds: float
 
 
 @dataclass(frozen=True)
+class Asked:
+    """One measurement on held-out curves: collection, frames a second, what was varied, rows."""
+
+    collection: str
+    fps: float
+    variant: str
+    rows: tuple[Recovery, ...]
+
+
+@dataclass(frozen=True)
 class Reproduction:
-    """Everything that the page and results.json tell."""
+    """Everything that the page and ruhland2017.json tell."""
 
     inputs: tuple[tuple[str, str], ...]
     takes: int
@@ -80,24 +109,25 @@ class Reproduction:
     library: dict[str, float]
     rows: tuple[Row, ...]
     animator: Row
-    recovery: tuple[tuple[str, Recovery], ...]
-    held_out: int
-    example: tuple[Result, Rig]
+    recovery: tuple[Asked, ...]
+    variants: tuple[Asked, ...]
+    tested: tuple[str, ...]
+    example: tuple[Result, Rig, Library]
 
     def to_json(self) -> dict[str, Any]:
         """Plain data, without the example take."""
-        rows = [asdict(r) for r in self.rows]
-        recovery = [{"matcher": name} | asdict(r) for name, r in self.recovery]
         return {
-            "schema": "physretarget/ruhland2017/1",
+            "schema": "physretarget/ruhland2017/2",
             "inputs": [{"path": p, "sha256": h} for p, h in self.inputs],
             "takes": self.takes,
             "channels_per_take": self.channels,
             "frames_per_take": self.frames,
             "library": self.library,
-            "rows": rows,
+            "rows": [asdict(r) for r in self.rows],
             "animator": asdict(self.animator),
-            "recovery": {"curves_held_out": self.held_out, "rows": recovery},
+            "tested": list(self.tested),
+            "recovery": [asdict(r) for r in self.recovery],
+            "variants": [asdict(r) for r in self.variants],
         }
 
 
@@ -105,16 +135,22 @@ def reproduce(
     data: Path,
     settings: ReproduceSettings | None = None,
     *,
+    parts: Path | None = None,
     progress: Callable[[str], None] = lambda stage: None,
 ) -> Reproduction:
     """Measure on ``data/face/*.csv`` against a library of ``data/keys``.
+
+    parts: a folder that keeps every finished step; a later run of the same takes it from there.
 
     Raises:
         InputError: a folder is missing or holds nothing usable.
     """
     chosen = settings or ReproduceSettings()
     progress("library")
-    library = Library.build([_folder(data / "keys")])
+    folder = _folder(data / "keys")
+    collections = [p for p in sorted(folder.iterdir()) if p.is_dir()] or [folder]
+    libraries = {path.name: Library.build([path]) for path in collections}
+    library = Library(tuple(e for one in libraries.values() for e in one.examples))
     paths = sorted(_folder(data / "face").glob("*.csv"))
     if not paths:
         raise InputError("holds no capture (*.csv).", path=data / "face")
@@ -122,14 +158,18 @@ def reproduce(
     takes = [cut for take in whole for cut in cuts(take, chosen)]
     if not takes:
         raise InputError(f"no capture lasts {chosen.seconds:g} s.", path=data / "face")
-    rows, example = _figure_3(takes, library, progress)
     inputs = {(str(p.relative_to(data)), t.sha256) for p, t in zip(paths, whole, strict=True)}
     inputs |= {(f"keys: {e.shot.partition(':')[0]}", e.sha256) for e in library.examples}
-    recovery, held = _recovery(library, chosen, progress)
+    kept = Parts(parts, [sorted(inputs), asdict(chosen)], progress)
+    rows = _figure_3(takes, library, kept)
+    recovery, variants, tested = _recovery(libraries, chosen, kept)
+    progress("example take")
+    rig = Rig.of(takes[0])
+    example = match(takes[0], library, rig)
     return Reproduction(
         inputs=tuple(sorted(inputs)),
         takes=len(takes),
-        channels=len(example[0].channels),
+        channels=len(example.channels),
         frames=len(takes[0].time),
         library={
             "seconds": library.seconds,
@@ -139,9 +179,10 @@ def reproduce(
         },
         rows=tuple(rows),
         animator=_animator(library),
-        recovery=tuple(recovery),
-        held_out=held,
-        example=example,
+        recovery=recovery,
+        variants=variants,
+        tested=tested,
+        example=(example, rig, library),
     )
 
 
@@ -165,90 +206,86 @@ def cuts(take: Take, settings: ReproduceSettings) -> Iterator[Take]:
         yield replace(take, name=name, time=time, values=take.values[part])
 
 
-@dataclass
-class _Tally:
-    """One list of numbers per measure, one entry per channel and take."""
-
-    keys: list[float]
-    error: list[float]
-    timing: list[float]
-    curves: list[Curve]
-    seconds: float = 0.0
-
-    @classmethod
-    def empty(cls) -> _Tally:
-        return cls([], [], [], [])
-
-    def add(self, curve: Curve, capture: Array, time: Array, unit: float) -> None:
-        output = curve.evaluate(time)
-        self.keys.append(len(curve.keys))
-        self.error.append(float(np.sqrt(np.mean((output - capture) ** 2))) / unit)
-        self.timing.append(extremum_timing(output, capture, 0.05 * unit))
-        self.curves.append(curve)
-
-
-def _figure_3(
-    takes: list[Take], library: Library, progress: Callable[[str], None]
-) -> tuple[list[Row], tuple[Result, Rig]]:
+def _figure_3(takes: list[Take], library: Library, kept: Parts) -> list[Row]:
     reference = style([e.curve for e in library.examples])
-    tallies: dict[tuple[str, str], _Tally] = {}
-    example: tuple[Result, Rig] | None = None
     banks: Banks = {}
+    tallies: dict[tuple[str, str], list[dict[str, Any]]] = {}
     for number, take in enumerate(takes, 1):
-        rig = Rig.of(take)
         for placement in PLACEMENTS:
             for method in METHODS:
-                progress(f"take {number} of {len(takes)}, {method}, {placement}")
                 wanted = MatchSettings(method=method, placement=placement)
-                began = clock.perf_counter()
-                result = match(take, library, rig, wanted, banks=banks)
-                spent = clock.perf_counter() - began
-                _count(result, method, placement, spent, tallies)
-                if example is None and placement == "optimal":
-                    example = result, rig
-    assert example is not None
-    rows = [
-        _row(name, place, tally, reference, len(takes)) for (name, place), tally in tallies.items()
-    ]
-    return rows, example
+                found = kept.get(
+                    f"take {number} of {len(takes)}, {method}, {placement}",
+                    lambda t=take, w=wanted: _count(t, library, w, banks),  # type: ignore[misc]
+                )
+                for name, tally in found.items():
+                    tallies.setdefault((name, placement), []).append(tally)
+    return [_row(name, place, parts, reference) for (name, place), parts in tallies.items()]
 
 
 def _count(
-    result: Result,
-    method: Method,
-    placement: str,
-    seconds: float,
-    tallies: dict[tuple[str, str], _Tally],
-) -> None:
+    take: Take, library: Library, settings: MatchSettings, banks: Banks
+) -> dict[str, dict[str, Any]]:
     """The matcher, and each reducer at the matcher's number of keys, channel by channel."""
-    own = tallies.setdefault((method, placement), _Tally.empty())
-    own.seconds += seconds
-    time = result.take.time
-    for name, channel in result.channels.items():
-        capture = result.take.channel(name)
-        own.add(channel.curve, capture, time, channel.unit)
-        for how in REDUCERS:
-            plain = tallies.setdefault((f"{how} at {method}'s count", placement), _Tally.empty())
-            began = clock.perf_counter()
-            curve = reduce_curve(capture, result.take.fps, how, keys=len(channel.curve.keys))
-            plain.seconds += clock.perf_counter() - began
-            plain.add(curve, capture, time, channel.unit)
+    began = clock.process_time()
+    result = match(take, library, Rig.of(take), settings, banks=banks)
+    spent: dict[str, float] = {settings.method: clock.process_time() - began}
+    curves: dict[str, dict[str, Curve]] = {
+        settings.method: {n: c.curve for n, c in result.channels.items()}
+    }
+    for how in REDUCERS:
+        began = clock.process_time()
+        label = f"{how} at {settings.method}'s count"
+        curves[label] = {
+            name: reduce_curve(take.channel(name), take.fps, how, keys=len(c.curve.keys))
+            for name, c in result.channels.items()
+        }
+        spent[label] = clock.process_time() - began
+    found: dict[str, dict[str, Any]] = {}
+    for label, made in curves.items():
+        errors, timings = [], []
+        for name, curve in made.items():
+            capture, unit = take.channel(name), result.channels[name].unit
+            output = curve.evaluate(take.time)
+            errors.append(float(np.sqrt(np.mean((output - capture) ** 2))) / unit)
+            timing = turning_point_timing(output, capture, 0.1 * unit)
+            hits = round(timing.count * (1.0 - timing.missed))
+            timings.append([timing.frames * hits if hits else 0.0, hits, timing.count])
+        keyed = style(list(made.values()))
+        found[label] = {
+            "keys": [len(c.keys) for c in made.values()],
+            "error": errors,
+            "timing": timings,
+            "seconds": spent[label],
+            "style": {k: np.asarray(v).tolist() for k, v in asdict(keyed).items()},
+        }
+    return found
 
 
-def _row(name: str, placement: str, tally: _Tally, reference: Style, takes: int) -> Row:
-    found = style(tally.curves)
+def _row(name: str, placement: str, parts: list[dict[str, Any]], reference: Style) -> Row:
+    keys = [k for p in parts for k in p["keys"]]
+    off, hits, count = np.array([t for p in parts for t in p["timing"]]).sum(axis=0)
+
+    def joined(what: str) -> Array:
+        return np.concatenate([p["style"][what] for p in parts])
+
+    def mean(what: str) -> float:
+        weight = [len(p["style"]["spacing"]) for p in parts]
+        return float(np.average([p["style"][what] for p in parts], weights=weight))
+
+    keyed = Style(joined("spacing"), joined("handles"), joined("slopes"), 0.0, 0.0)
     return Row(
-        name=name,
-        placement=placement,
-        keys=float(np.mean(tally.keys)),
-        spread=float(np.std(tally.keys)),
-        error=float(np.mean(tally.error)),
-        timing=float(np.nanmean(tally.timing)),
-        spacing=float(wasserstein_distance(found.spacing, reference.spacing)),
-        handles=float(wasserstein_distance(found.handles, reference.handles)),
-        flat=found.flat_share,
-        holds=found.hold_share,
-        seconds=tally.seconds / takes,
+        name,
+        placement,
+        float(np.mean(keys)),
+        float(np.std(keys)),
+        float(np.mean([e for p in parts for e in p["error"]])),
+        float(off / hits) if hits else 0.0,
+        float(1.0 - hits / count) if count else 0.0,
+        *distances(keyed, reference),
+        mean("flat_share"),
+        mean("hold_share"),
+        float(np.mean([p["seconds"] for p in parts])),
     )
 
 
@@ -259,23 +296,74 @@ def _animator(library: Library) -> Row:
     rates = [4.0 * (len(c.keys) - 1) / (c.end - c.start) for c in curves]
     return Row(
         "the library's animators", "", float(np.mean(rates)), float(np.std(rates)), 0.0, 0.0, 0.0,
-        0.0, found.flat_share, found.hold_share, 0.0,
+        0.0, 0.0, 0.0, found.flat_share, found.hold_share, 0.0,
     )  # fmt: skip
 
 
 def _recovery(
-    library: Library, settings: ReproduceSettings, progress: Callable[[str], None]
-) -> tuple[list[tuple[str, Recovery]], int]:
-    """Keys that an unseen animator's curve had, per matcher and for reducers at its key count."""
-    shots = sorted({e.shot for e in library.examples})
-    rng = np.random.default_rng(settings.seed)
-    picked = rng.choice(len(shots), min(settings.held_out, len(shots) // 2), replace=False)
-    rest, asked = hold_out(library, [shots[int(k)] for k in np.sort(picked)])
-    rows: list[tuple[str, Recovery]] = []
-    if not asked:
-        return rows, 0
-    for method in METHODS:
-        progress(f"recovery of {len(asked)} held-out curves, {method}")
-        found = recover(rest, asked, MatchSettings(method=method), seed=settings.seed)
-        rows += [(method, one) for one in found]
-    return rows, len(asked)
+    libraries: dict[str, Library], settings: ReproduceSettings, kept: Parts
+) -> tuple[tuple[Asked, ...], tuple[Asked, ...], tuple[str, ...]]:
+    """Keys that unseen curves had.
+
+    Of the first collection with enough files the test files are asked, against the rest of it; of
+    every other collection all files, against the same library: another animator's hand.
+    """
+    names = {
+        k: sorted({e.shot.partition(":")[0] for e in v.examples}) for k, v in libraries.items()
+    }
+    main = max(libraries, key=lambda k: len(names[k]))
+    tested = test_files([e.shot for e in libraries[main].examples])
+    rest, asked = hold_out(libraries[main], tested)
+    questions: list[tuple[str, Library, tuple[Example, ...]]] = [(main, rest, asked)]
+    for name, other in libraries.items():
+        if name != main:
+            both = Library(rest.examples + other.examples)
+            questions.append((name, *hold_out(both, sorted({e.shot for e in other.examples}))))
+    recovery = [
+        _ask(kept, name, known, _some(wanted, settings.curves), fps, method, {"method": method})
+        for name, known, wanted in questions
+        if wanted
+        for fps in RATES
+        for method in METHODS
+    ]
+    few = _some(asked, settings.variants)
+    variants = [
+        _ask(kept, main, rest, few, 30.0, variant, changes)
+        for variant, changes in VARIANTS.items()
+        if few
+    ]
+    for placement in ("optimal", "joint") if asked else ():
+        what = f"axes of one position together, {placement} placement"
+        changes = {"placement": placement, "together": True}
+        variants.append(_ask(kept, main, rest, asked, 30.0, what, changes))
+    return tuple(recovery), tuple(variants), tested
+
+
+def _some(examples: tuple[Example, ...], most: int) -> tuple[Example, ...]:
+    """At most so many, spread evenly."""
+    if len(examples) <= most:
+        return examples
+    return tuple(examples[k] for k in np.linspace(0, len(examples) - 1, most).astype(int))
+
+
+def _ask(
+    kept: Parts,
+    name: str,
+    library: Library,
+    examples: tuple[Example, ...],
+    fps: float,
+    variant: str,
+    changes: dict[str, Any],
+) -> Asked:
+    options = dict(changes)
+    together = bool(options.pop("together", False))
+    rows = kept.get(
+        f"{len(examples)} held-out curves of {name} at {fps:g} Hz: {variant}",
+        lambda: [
+            asdict(row)
+            for row in recover(
+                library, examples, MatchSettings(**options), fps=fps, together=together
+            )
+        ],
+    )
+    return Asked(name, fps, variant, tuple(Recovery(**row) for row in rows))

@@ -1,4 +1,4 @@
-"""The figures of ``reproduce ruhland2017`` as Markdown, JSON and SVG, and one take's report."""
+"""The figures of ``reproduce ruhland2017``: an HTML page, its numbers, one take's report."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 from physretarget import __version__
 from physretarget.errors import InputError
 from physretarget.face.report import take_report, write_report
-from physretarget.face.reproduce import Reproduction, Row
+from physretarget.face.reproduce import Asked, Reproduction, Row
 from physretarget.files import write_file
 
 PAPER_KEYS = {"capture": 145.21, "distance": 11.93, "sax": 16.74, "hmm": 17.88}
@@ -49,6 +49,31 @@ _TABLE_2 = (
 )  # fmt: skip
 
 
+METHOD_ORDER = ("distance", "sax", "hmm")
+_PLACES = ("greedy", "optimal", "joint")
+_CSS = """
+:root { color-scheme: light dark; --ink: #1a2130; --soft: #596379; --line: #d9dee8; --bg: #fff;
+  --panel: #f5f7fb; --good: #1b7f4b; }
+@media (prefers-color-scheme: dark) { :root { --ink: #e8ecf4; --soft: #9aa6bd; --line: #343c4d;
+  --bg: #12161f; --panel: #1a202c; --good: #5fd39a; } }
+body { font: 16px/1.5 system-ui, sans-serif; color: var(--ink); background: var(--bg);
+  max-width: 68rem; margin: 2rem auto; padding: 0 1.2rem; }
+h1 { font-size: 1.7rem; margin-bottom: .2rem; } h2 { margin-top: 2.4rem; font-size: 1.25rem; }
+p, li { max-width: 46rem; } .soft { color: var(--soft); }
+.tiles { display: flex; flex-wrap: wrap; gap: .8rem; margin: 1.2rem 0; padding: 0; }
+.tiles div { background: var(--panel); border: 1px solid var(--line); border-radius: .5rem;
+  padding: .6rem 1rem; min-width: 11rem; } .tiles b { display: block; font-size: 1.35rem; }
+.wide { overflow-x: auto; } table { border-collapse: collapse; font-size: .88rem; margin: .8rem 0;
+  font-variant-numeric: tabular-nums; }
+th, td { border-bottom: 1px solid var(--line); padding: .3rem .7rem; text-align: right;
+  white-space: nowrap; } th:first-child, td:first-child, .words td, .words th { text-align: left; }
+.words td { white-space: normal; } th { color: var(--soft); font-weight: 600; }
+tr.own td { font-weight: 600; } svg { max-width: 46rem; width: 100%; height: auto; display: block; }
+svg text { fill: var(--ink); } svg .base { stroke: var(--soft); }
+a { color: inherit; }
+"""
+
+
 def write_all(found: Reproduction, out: Path) -> tuple[Path, ...]:
     """Write into a folder, made if needed; returns the files.
 
@@ -60,158 +85,244 @@ def write_all(found: Reproduction, out: Path) -> tuple[Path, ...]:
     except OSError as error:
         raise InputError(f"cannot be made: {error.strerror}.", path=out) from error
     text = json.dumps(found.to_json(), indent=1, allow_nan=True) + "\n"
-    names = ("ruhland2017.md", "ruhland2017.json", "figure3.svg", "take.html")
-    write_file(out / names[0], markdown(found).encode())
+    names = ("index.html", "ruhland2017.json", "take.html")
+    write_file(out / names[0], page(found).encode())
     write_file(out / names[1], text.encode())
-    write_file(out / names[2], figure_3(found).encode())
-    result, rig = found.example
-    write_report(out / names[3], take_report(result, rig))
+    result, rig, library = found.example
+    write_report(out / names[2], take_report(result, rig, library))
     return tuple(out / name for name in names)
 
 
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]], *, numbers: bool = True) -> str:
-    marks = ["---"] + ["---:" if numbers else "---"] * (len(head) - 1)
-    lines = [head, marks, *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
+def _table(
+    head: Sequence[str], rows: Sequence[Sequence[str]], *, words: bool = False, own: int = 0
+) -> str:
+    """own: every so manieth row is this program's, set bold."""
+    cells = "".join(f"<th scope=col>{escape(h)}</th>" for h in head)
+    lines = []
+    for k, row in enumerate(rows):
+        kind = " class=own" if own and k % own == 0 else ""
+        lines.append(f"<tr{kind}>" + "".join(f"<td>{escape(c)}</td>" for c in row) + "</tr>")
+    style = " class=words" if words else ""
+    return (
+        f"<div class=wide><table{style}><thead><tr>{cells}</tr></thead>"
+        f"<tbody>{''.join(lines)}</tbody></table></div>"
+    )
 
 
 def _cells(row: Row, *, own: bool = False) -> list[str]:
     measured = [
-        f"{100 * row.error:.2f} %", f"{row.timing:.2f}", f"{row.spacing:.3f}", f"{row.handles:.3f}",
+        f"{100 * row.error:.2f} %", f"{row.timing:.2f}", f"{100 * row.missed:.1f} %",
+        f"{row.spacing:.3f}", f"{row.handles:.3f}", f"{row.slopes:.3f}",
     ]  # fmt: skip
     return [
         row.name,
         row.placement,
         f"{row.keys:.2f} ± {row.spread:.2f}",
-        *(["–"] * 4 if own else measured),
+        *(["–"] * 6 if own else measured),
         f"{100 * row.flat:.0f} %",
         f"{100 * row.holds:.0f} %",
         "–" if own else f"{row.seconds:.2f}",
     ]
 
 
-def _reading(found: Reproduction) -> str:
-    """The comparison in words, whichever way it went in this run."""
+def _gain(asked: Asked) -> float:
+    return asked.rows[0].f1 - asked.rows[1].f1
+
+
+def _tiles(found: Reproduction) -> str:
     rows = {(r.name, r.placement): r for r in found.rows}
-    lines = []
-    for method in METHOD_ORDER:
-        own, plain = rows[method, "optimal"], rows[f"decimate at {method}'s count", "optimal"]
-        better = "less" if own.error < plain.error else "more"
-        text = (
-            f"- {method}, optimal placement: {own.keys:.1f} keys a curve; error to the capture "
-            f"{100 * own.error:.2f} %, {better} than decimation's {100 * plain.error:.2f} % at the "
-            f"same count; turning points off by {own.timing:.1f} against {plain.timing:.1f} frames"
+    own = rows["distance", "optimal"]
+    tiles = [
+        (f"{100 * (1 - own.keys / found.frames):.1f} %", "fewer keys (distance)"),
+        (f"{own.timing:.2f} frames", f"turning points off; {100 * own.missed:.1f} % not found"),
+    ]
+    for name in dict.fromkeys(a.collection for a in found.recovery):
+        gains = [_gain(a) for a in found.recovery if a.collection == name]
+        tiles.append(
+            (f"+{min(gains):.2f} to +{max(gains):.2f}", f"F1 over decimation, unseen keys, {name}")
         )
-        told = {r.name: r for m, r in found.recovery if m == method}
-        if told:
-            gain = told[method].f1 - told["decimate"].f1
-            ratio = told[method].error / max(told["decimate"].error, 1e-12)
-            text += (
-                f"; an unseen animator's keys: F1 {gain:+.3f} over decimation, error to the clean "
-                f"curve {ratio:.2f} times decimation's"
-            )
-        lines.append(text + ".")
-    return "\n".join(lines) + "\n"
+    cells = (f"<div><b>{escape(a)}</b>{escape(b)}</div>" for a, b in tiles)
+    return f"<div class=tiles>{''.join(cells)}</div>"
 
 
-def markdown(found: Reproduction) -> str:
-    """The page."""
-    lib = found.library
-    dense = found.frames
+def _asked_row(a: Asked, name: str) -> list[str]:
+    own, plain, fitted = a.rows
+    ratio = own.error / max(plain.error, 1e-12)
+    return [
+        name, f"{own.f1:.3f}", f"{plain.f1:.3f}", f"{fitted.f1:.3f}", f"{own.f1 - plain.f1:+.3f}",
+        f"{own.precision:.2f}", f"{own.recall:.2f}", f"{100 * own.error:.2f} %", f"{ratio:.2f}",
+        f"{own.keys:.1f}",
+    ]  # fmt: skip
+
+
+_ASKED_HEAD = ("F1", "decimation", "Schneider", "gain", "precision", "recall", "error",
+               "× decimation's", "keys")  # fmt: skip
+
+
+def _share(value: float | None) -> str:
+    return "–" if value is None else f"{100 * value:.0f} %"
+
+
+def _style_row(a: Asked) -> list[str]:
+    own, plain, fitted = a.rows
+    return [
+        f"{a.collection}, {a.fps:g} Hz, {a.variant}",
+        *(f"{r.spacing:.3f}" for r in (own, plain, fitted)),
+        *(f"{r.handles:.3f}" for r in (own, plain, fitted)),
+        *(f"{r.slopes:.2f}" for r in (own, plain, fitted)),
+        *(f"{100 * r.holds:+.0f}" for r in (own, plain, fitted)),
+    ]
+
+
+def page(found: Reproduction) -> str:
+    """The page: one file, nothing loaded from anywhere."""
+    lib, dense = found.library, found.frames
+    counts = [("motion capture", f"{PAPER_KEYS['capture']}", *[f"{dense}"] * 3)]
+    counts += [(m, f"{PAPER_KEYS[m]}", *_counts(found, m, dense)) for m in METHOD_ORDER]
+    three = ("own", "decimated", "Schneider")
+    style_head = ["", *(f"{what}, {who}" for what in ("spacing", "handles", "slopes", "holds")
+                        for who in three)]  # fmt: skip
     parts = [
-        "# Ruhland, Prasad, McDonnell 2017, reproduced\n",
-        f"physretarget {__version__}. Every number below is of this run, on {found.takes} takes of "
-        f"4 s at 30 frames a second, {found.channels} channels each (lips left to the capture, as "
-        f"in the paper), against a library of {lib['seconds']:.0f} s of hand-made animation "
-        f"({lib['curves']:.0f} curves, {lib['keys']:.0f} keys, {lib['segments']:.0f} segments). "
-        "What is quoted from the paper says so. The paper's rig, captures and library are not "
-        "public, so these are other faces and another animator's keys.\n",
-        "## Figure 3: keys of a 4-second take\n",
-        "![Keys per curve](figure3.svg)\n",
+        "<!doctype html><html lang=en><meta charset=utf-8>"
+        "<meta name=viewport content='width=device-width, initial-scale=1'>"
+        f"<title>Ruhland 2017, reproduced</title><style>{_CSS}</style>",
+        "<h1>An animator's keys from facial capture</h1>",
+        "<p class=soft>Ruhland, Prasad and McDonnell, <i>Data-driven approach to synthesizing "
+        f"facial animation using motion capture</i>, 2017. physretarget {__version__}.</p>",
+        _tiles(found),
+        f"<p>Every number below is of this run, on {found.takes} takes of 4 s at 30 frames a "
+        f"second, {found.channels} channels each (lips left to the capture, as in the paper), "
+        f"against a library of {lib['seconds']:.0f} s of hand-made animation ({lib['curves']:.0f} "
+        f"curves, {lib['keys']:.0f} keys). What is quoted from the paper says so. The paper's rig, "
+        "captures and library are not public, so these are other faces and other animators' keys. "
+        "<a href='take.html'>One take on timelines: click a key for its source.</a></p>",
+        "<h2>Figure 3: keys of a 4-second take</h2>",
+        figure_3(found),
+        _table(("", "the paper", *(f"this run, {p} placement" for p in _PLACES)), counts),
+        "<p class=soft>Keys per curve and take; in brackets the share of the capture's keys that "
+        "are gone. Greedy is the paper's placement.</p>",
+        "<h2>What the count hides</h2>",
+        "<p>Plain reducers are given, channel by channel, the matcher's number of keys. Error: "
+        "root mean square, of what the channel moves. Turning points (standing out by 10 %): "
+        "frames off, plateaus taken as a whole, and share not found. Spacing (s), handles (part "
+        "of the span) and slopes: Wasserstein distance to the library's own, 0 is the animators'. "
+        "Flat tangents, held spans: shares. Cost: seconds of computing per take.</p>",
         _table(
-            ("", "the paper", "this run, greedy placement as the paper's", "optimal placement"),
-            [("motion capture", f"{PAPER_KEYS['capture']}", f"{dense}", f"{dense}")]
-            + [(m, f"{PAPER_KEYS[m]}", *_counts(found, m, dense)) for m in METHOD_ORDER],
-        ),
-        "Keys per curve and take; in brackets the share of the capture's keys that are gone.\n",
-        "## What the count hides\n",
-        "Plain reducers are given, channel by channel, the matcher's number of keys. Error: "
-        "root mean square, of what the channel moves in the take. Turning points: mean distance in "
-        "frames from the capture's to the result's nearest. Spacing (s) and handles (part of the "
-        "span): Wasserstein distance to the library's distribution, 0 is the animators' own. Flat: "
-        "share of flat tangents, holds: of held spans (both of key sides and spans that move less "
-        "than 1 % of the curve's range). The library's own row counts keys per 4 s. Cost: seconds "
-        "of computing per take, one process, this machine.\n",
-        _table(
-            ("", "placement", "keys", "error", "turning points", "spacing", "handles", "flat",
-             "holds", "cost, s"),
-            [_cells(row) for row in sorted(found.rows, key=lambda r: r.placement)]
+            ("", "placement", "keys", "error", "frames off", "not found", "spacing", "handles",
+             "slopes", "flat", "holds", "cost, s"),
+            [_cells(row) for row in sorted(found.rows, key=lambda r: _PLACES.index(r.placement))]
             + [_cells(found.animator, own=True)],
+            own=3,
         ),
-        _reading(found),
-        "## Are an unseen animator's keys found again?\n",
-        f"{found.held_out} curves of shots that the library has not seen, nor any copy of them, "
-        "as pseudo-captures: 60 frames a second, noise of 1 % of the range, frames up to one frame "
-        "early or late. A key is found if within one frame. Reducers get the matcher's count.\n",
+        "<h2>Are an unseen animator's keys found again?</h2>",
+        f"<p>{len(found.tested)} files were set aside, and no parameter was tuned on them; their "
+        "curves, and all of the other collection's, are unknown to the library, copies included. "
+        "They become pseudo-captures: noise of 1 % of the range, every frame up to one frame early "
+        "or late. A key counts as found within one frame. Reducers get the matcher's count, curve "
+        "by curve; error is to the clean curve.</p>",
+        recovery_figure(found),
         _table(
-            ("matcher", "output", "F1", "precision", "recall", "error to the clean curve", "keys"),
+            ("", *_ASKED_HEAD),
+            [_asked_row(a, f"{a.collection}, {a.fps:g} Hz, {a.variant}") for a in found.recovery],
+        ),
+        "<h2>Are flagged pieces worse?</h2>",
+        "<p>A piece is right if it begins and ends on keys of the animator's.</p>",
+        _table(
+            ("", "flagged", "right if flagged", "right if not"),
             [
-                (m, r.name, f"{r.f1:.3f}", f"{r.precision:.3f}", f"{r.recall:.3f}",
-                 f"{100 * r.error:.2f} %", f"{r.keys:.1f}")
-                for m, r in found.recovery
+                (f"{a.collection}, {a.fps:g} Hz, {a.variant}", _share(a.rows[0].doubtful),
+                 _share(a.rows[0].right_if_doubtful), _share(a.rows[0].right_if_sure))
+                for a in found.recovery
             ],
         ),
-        "## The paper's perception study (quoted, not repeated)\n",
-        "18 people rated 20 clips on a 7-point scale (Table 1), 14 of them 5 clips that an "
+        "<h2>Style: how close to the unseen animator's keying</h2>",
+        "<p>Wasserstein distances to the held-out curves' own spacing (s), handle lengths (part of "
+        "the span) and slopes; held spans: percentage points more than the animators'.</p>",
+        _table(style_head, [_style_row(a) for a in found.recovery]),
+        "<h2>What each part is worth</h2>",
+        "<p>Distance matching at 30 Hz, each change alone. Parts that do not help are off by "
+        "default.</p>",
+        _table(("", *_ASKED_HEAD), [_asked_row(a, a.variant) for a in found.variants]),
+        "<h2>The paper's perception study (quoted, not repeated)</h2>",
+        "<p>18 people rated 20 clips on a 7-point scale (Table 1), 14 of them 5 clips that an "
         "animator had refined for 30 minutes each (Table 2). These are the paper's results about "
-        "its own animations; nothing here was shown to anyone.\n",
-        _table(("Table 1, unrefined", "effect", "F-test", "post hoc"), _TABLE_1, numbers=False),
-        _table(("Table 2, refined", "effect", "F-test", "post hoc"), _TABLE_2, numbers=False),
-        "## Inputs\n",
-        _table(("file", "SHA-256"), [(escape(p), h[:16] + "…") for p, h in found.inputs]),
+        "its own animations; nothing here was shown to anyone.</p>",
+        _table(("Table 1, unrefined", "effect", "F-test", "post hoc"), _TABLE_1, words=True),
+        _table(("Table 2, refined", "effect", "F-test", "post hoc"), _TABLE_2, words=True),
+        "<h2>Inputs</h2><details><summary>Files and their SHA-256</summary>",
+        _table(("file", "SHA-256"), found.inputs, words=True),
+        "</details></html>",
     ]  # fmt: skip
-    return "\n".join(parts)
-
-
-METHOD_ORDER = ("distance", "sax", "hmm")
+    return "\n".join(parts) + "\n"
 
 
 def _counts(found: Reproduction, name: str, dense: int) -> list[str]:
     told = {row.placement: row.keys for row in found.rows if row.name == name}
-    return [
-        f"{told[place]:.2f} ({100 * (1 - told[place] / dense):.1f} %)"
-        for place in ("greedy", "optimal")
+    return [f"{told[p]:.2f} ({100 * (1 - told[p] / dense):.1f} %)" for p in _PLACES]
+
+
+def recovery_figure(found: Reproduction) -> str:
+    """F1 of every matcher beside the reducers', per collection and frame rate."""
+    groups: dict[tuple[str, float], list[Asked]] = {}
+    for a in found.recovery:
+        groups.setdefault((a.collection, a.fps), []).append(a)
+    width = 30 + 172 * max(1, len(groups))
+    parts = [
+        f'<svg viewBox="0 0 {width} 250" role="img" font-family="system-ui" font-size="12">'
+        "<title>F1 of unseen keys</title>"
     ]
+    colours = ("#1971c2", "#2b8a3e", "#e67700", "#b9c1cf", "#868e96")
+    labels = (*METHOD_ORDER, "decimation", "Schneider")
+    for g, ((name, fps), members) in enumerate(groups.items()):
+        first = members[0].rows
+        values = [a.rows[0].f1 for a in members] + [first[1].f1, first[2].f1]
+        for k, value in enumerate(values):
+            x, height = 30 + 172 * g + 29 * k, 180 * value
+            parts.append(
+                f'<rect x="{x}" y="{215 - height:.1f}" width="25" height="{height:.1f}" '
+                f'fill="{colours[k]}"/><text x="{x + 12}" y="{210 - height:.1f}" '
+                f'text-anchor="middle">{value:.2f}</text>'
+            )
+        parts.append(
+            f'<text x="{100 + 172 * g}" y="234" text-anchor="middle">'
+            f"{escape(name)}, {fps:g} Hz</text>"
+        )
+    for k, label in enumerate(labels):
+        parts.append(
+            f'<rect x="{30 + 110 * k}" y="4" width="12" height="12" fill="{colours[k]}"/>'
+            f'<text x="{47 + 110 * k}" y="14">{label}</text>'
+        )
+    parts.append(f'<path class="base" d="M20 215.5H{width - 10}"/></svg>')
+    return "".join(parts)
 
 
 def figure_3(found: Reproduction) -> str:
     """Bars as in the paper's figure: capture and three matchers, paper and this run."""
-    groups = [("motion capture", [PAPER_KEYS["capture"], found.frames, found.frames])]
+    groups: list[tuple[str, list[float]]] = [
+        ("motion capture", [PAPER_KEYS["capture"], *[float(found.frames)] * 3])
+    ]
     for name in METHOD_ORDER:
         told = {row.placement: row.keys for row in found.rows if row.name == name}
-        groups.append((name, [PAPER_KEYS[name], told["greedy"], told["optimal"]]))
-    colours, labels = ("#b9c1cf", "#74a9d8", "#1971c2"), ("the paper", "greedy", "optimal")
+        groups.append((name, [PAPER_KEYS[name], *(told[p] for p in _PLACES)]))
+    colours = ("#b9c1cf", "#74a9d8", "#1971c2", "#2b8a3e")
     top = 1.12 * max(max(values) for _, values in groups)
     parts = [
-        '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 720 330" role="img" '
-        'font-family="system-ui, sans-serif" font-size="13">',
-        "<title>Keys per curve of a 4-second take</title>",
-        '<rect width="720" height="330" fill="#fff"/>',
+        '<svg viewBox="0 0 760 330" role="img" font-family="system-ui" font-size="12">'
+        "<title>Keys per curve of a 4-second take</title>"
     ]
     for g, (name, values) in enumerate(groups):
-        left = 30 + 172 * g
         for k, value in enumerate(values):
-            height, x = 240 * value / top, left + 46 * k
+            height, x = 240 * value / top, 30 + 182 * g + 40 * k
             parts.append(
-                f'<rect x="{x}" y="{276 - height:.1f}" width="40" height="{height:.1f}" '
-                f'fill="{colours[k]}"/><text x="{x + 20}" y="{270 - height:.1f}" '
-                f'text-anchor="middle">{value:.2f}</text>'
+                f'<rect x="{x}" y="{286 - height:.1f}" width="35" height="{height:.1f}" '
+                f'fill="{colours[k]}"/><text x="{x + 18}" y="{280 - height:.1f}" '
+                f'text-anchor="middle">{value:.1f}</text>'
             )
-        parts.append(f'<text x="{left + 66}" y="296" text-anchor="middle">{name}</text>')
-    for k, label in enumerate(labels):
+        parts.append(f'<text x="{108 + 182 * g}" y="306" text-anchor="middle">{name}</text>')
+    for k, label in enumerate(("the paper", *_PLACES)):
         parts.append(
-            f'<rect x="{400 + 100 * k}" y="14" width="14" height="12" fill="{colours[k]}"/>'
-            f'<text x="{420 + 100 * k}" y="25">{label}</text>'
+            f'<rect x="{300 + 110 * k}" y="4" width="12" height="12" fill="{colours[k]}"/>'
+            f'<text x="{317 + 110 * k}" y="14">{label}</text>'
         )
-    parts.append('<path d="M20 276.5H708" stroke="#596379"/></svg>\n')
-    return "\n".join(parts)
+    parts.append('<path class="base" d="M20 286.5H750"/></svg>')
+    return "".join(parts)

@@ -11,7 +11,7 @@ from physretarget.errors import InputError
 from physretarget.face.curve import Curve
 from physretarget.face.formats import write_csv, write_json
 from physretarget.face.reproduce import ReproduceSettings, cuts, reproduce
-from physretarget.face.reproduce_page import PAPER_KEYS, markdown, write_all
+from physretarget.face.reproduce_page import PAPER_KEYS, page, write_all
 from physretarget.face.shot import Shot, Take
 
 
@@ -32,9 +32,12 @@ def folder(tmp_path_factory):
     return root
 
 
+SMALL = ReproduceSettings(takes=1, curves=6, variants=2)
+
+
 @pytest.fixture(scope="module")
 def found(folder):
-    return reproduce(folder, ReproduceSettings(takes=1, held_out=2))
+    return reproduce(folder, SMALL)
 
 
 def test_cuts_are_four_seconds_from_zero():
@@ -49,34 +52,59 @@ def test_cuts_are_four_seconds_from_zero():
 def test_counts_and_equal_key_count(found):
     assert (found.takes, found.channels, found.frames) == (1, 2, 121)
     rows = {(r.name, r.placement): r for r in found.rows}
-    assert len(rows) == 2 * 3 * 3
+    assert len(rows) == 3 * 3 * 3
     for method in ("distance", "sax", "hmm"):
-        for place in ("greedy", "optimal"):
+        for place in ("greedy", "optimal", "joint"):
             assert 2 <= rows[method, place].keys < 60
-            assert rows[method, place].seconds > 0
             plain = rows[f"decimate at {method}'s count", place]
             assert plain.keys == rows[method, place].keys
-    assert found.held_out > 0
-    assert [m for m, _ in found.recovery] == ["distance"] * 3 + ["sax"] * 3 + ["hmm"] * 3
+    assert found.tested == ("shot2", "shot5")
+    assert [(a.fps, a.variant) for a in found.recovery] == [
+        (fps, m) for fps in (60.0, 30.0) for m in ("distance", "sax", "hmm")
+    ]
+    for asked in (*found.recovery, *found.variants):
+        own, plain, fitted = asked.rows
+        if own.curves:
+            assert own.keys == pytest.approx(plain.keys)
+            assert 0 <= own.f1 <= 1
+            assert fitted.doubtful is None
+
+
+def test_a_run_goes_on_where_it_was_cut_short(folder, found, tmp_path):
+    class Stop(Exception):
+        pass
+
+    steps = []
+
+    def cut_short(stage):
+        steps.append(stage)
+        if len(steps) == 4:
+            raise Stop
+
+    with pytest.raises(Stop):
+        reproduce(folder, SMALL, parts=tmp_path, progress=cut_short)
+    kept = {p: p.stat().st_mtime_ns for p in tmp_path.iterdir()}
+    assert len(kept) == 2  # the library and the step that was interrupted keep nothing
+    (tmp_path / "torn.json").write_text("{")
+    again = reproduce(folder, SMALL, parts=tmp_path)
+    assert {p: p.stat().st_mtime_ns for p in kept} == kept
+    assert [r.keys for r in again.rows] == [r.keys for r in found.rows]
+    assert again.recovery == found.recovery
 
 
 def test_files(found, tmp_path):
     written = write_all(found, tmp_path / "out")
-    assert [p.name for p in written] == [
-        "ruhland2017.md",
-        "ruhland2017.json",
-        "figure3.svg",
-        "take.html",
-    ]
+    assert [p.name for p in written] == ["index.html", "ruhland2017.json", "take.html"]
     content = json.loads(written[1].read_text())
     assert content["frames_per_take"] == 121
     assert all(len(one["sha256"]) == 64 for one in content["inputs"])
-    page = written[0].read_text()
+    text = written[0].read_text()
     for number in PAPER_KEYS.values():
-        assert str(number) in page
-    assert "F(4, 64) = 36.633" in page
-    assert "quoted, not repeated" in page
-    assert markdown(found) == page
+        assert str(number) in text
+    assert "F(4, 64) = 36.633" in text
+    assert "quoted, not repeated" in text
+    assert page(found) == text
+    assert "http" not in text.replace("http-equiv", "")
 
 
 def test_missing_folders_are_named(tmp_path):
