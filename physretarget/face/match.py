@@ -79,7 +79,8 @@ class ChannelResult:
 
     curve in the rig's units and the take's time; pieces in order; piece_of: per key the piece that
     ends there (the first key: that begins there); error: root mean square deviation from the
-    capture as a fraction of unit; unit: what the channel moves.
+    capture as a fraction of unit; unit: what the channel moves; locked: numbers of the keys that
+    were kept as they are.
     """
 
     curve: Curve
@@ -87,6 +88,7 @@ class ChannelResult:
     piece_of: tuple[int, ...]
     error: float
     unit: float
+    locked: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -329,4 +331,6 @@ def _channel(
     for k in np.flatnonzero(draft.held):
         keys[k] = job.locked[row][round(float(table[k, 0]))]
     curve = replace(curve, keys=tuple(keys))
-    return ChannelResult(curve, pieces, piece_of, float(np.sqrt(np.mean(error**2))), float(unit))
+    kept = tuple(np.flatnonzero(draft.held).tolist())
+    rms = float(np.sqrt(np.mean(error**2)))
+    return ChannelResult(curve, pieces, piece_of, rms, float(unit), kept)

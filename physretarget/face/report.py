@@ -23,7 +23,7 @@ from physretarget.face.curve import Curve
 from physretarget.face.explain import Piece
 from physretarget.face.library import Library
 from physretarget.face.match import Result
-from physretarget.face.measure import extremum_timing
+from physretarget.face.measure import turning_point_timing
 from physretarget.face.reduce import Reducer, reduce_curve
 from physretarget.face.rig import Rig
 from physretarget.files import write_file
@@ -41,9 +41,10 @@ class Origin:
     """Where a span's shape comes from.
 
     start, end: seconds in the shot. scale, amplitude: result over example in time and in height.
-    error: root mean square misfit as a fraction of what the channel moves. margin: by how much of
-    its own misfit the runner-up fits worse; None where there was none. alike: how many segments
-    of the library share the shape. example: the borrowed keys themselves.
+    error: root mean square misfit as a fraction of what the channel moves. margin: by how much the
+    runner-up, another shape of the shot named, is dearer, in prices of a key; None where there was
+    none. confidence: share of near-best placements that cut here too. alike: how many segments of
+    the library share the shape. example: the borrowed keys themselves.
     """
 
     shot: str
@@ -56,11 +57,13 @@ class Origin:
     margin: float | None = None
     alike: int = 1
     example: Curve | None = None
+    runner_up: str = ""
+    confidence: float | None = None
 
 
 @dataclass(frozen=True)
 class SourceSpan:
-    """Seconds [start, end] of the result; ``low`` flags a margin too small to trust."""
+    """Seconds [start, end] of the result; ``low`` flags a confidence too small to trust."""
 
     start: float
     end: float
@@ -71,7 +74,7 @@ class SourceSpan:
 
 @dataclass(frozen=True, eq=False)
 class ChannelReport:
-    """One channel: capture (T,) on the take's times, the result, and its spans in order."""
+    """One channel: capture (T,) on the take's times, result, spans, numbers of locked keys."""
 
     name: str
     group: str
@@ -82,6 +85,7 @@ class ChannelReport:
     spans: tuple[SourceSpan, ...] = ()
     error: float | None = None
     timing: float | None = None
+    locked: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +138,7 @@ def take_report(
         channels.append(
             ChannelReport(
                 name, where.group, where.lower, where.upper, capture, found.curve, spans,
-                found.error, timing,
+                found.error, timing, found.locked,
             )
         )  # fmt: skip
     flagged = sum(span.low for c in channels for span in c.spans)
@@ -150,7 +154,7 @@ def take_report(
         "fewer than the capture": f"{100 * result.reduction:.1f} %",
         "error (RMS)": _row(scores.get(settings.method, []))[1],
         "turning points off by": _row(scores.get(settings.method, []))[2],
-        "low-margin spans": str(flagged),
+        "doubtful spans": str(flagged),
     }
     return TakeReport(
         title or result.take.name, method, time, tuple(channels), figures,
@@ -159,10 +163,10 @@ def take_report(
 
 
 def _scores(curve: Curve, capture: Array, time: Array, unit: float) -> tuple[int, float, float]:
-    """Keys, error over unit, and distance of turning points (frames) that stand out by 5 %."""
+    """Keys, error over unit, and frames that turning points standing out by 10 % are off."""
     output = curve.evaluate(time)
     error = float(np.sqrt(np.mean((output - capture) ** 2))) / max(unit, 1e-12)
-    return len(curve.keys), error, extremum_timing(output, capture, 0.05 * unit)
+    return len(curve.keys), error, turning_point_timing(output, capture, 0.1 * unit).frames
 
 
 def _row(rows: list[tuple[int, float, float]]) -> tuple[str, str, str]:
@@ -180,7 +184,8 @@ def _source(piece: Piece, examples: Mapping[tuple[str, str], Curve]) -> SourceSp
         curve = Curve(tuple(near)) if len(near) > 1 else None
     origin = Origin(
         piece.shot, piece.channel, piece.source_start, piece.source_end, piece.stretch,
-        piece.amplitude, piece.error, piece.margin, piece.alike, curve,
+        piece.amplitude, piece.error, piece.margin if piece.runner_up else None, piece.alike, curve,
+        piece.runner_up, piece.confidence,
     )  # fmt: skip
     kind: SpanKind = "fitted" if piece.fitted else "matched"
     return SourceSpan(piece.start, piece.end, kind, origin, piece.doubtful)
@@ -249,6 +254,7 @@ def _channel(channel: ChannelReport) -> dict[str, Any]:
         "spans": [_span(span) for span in channel.spans],
         "error": channel.error,
         "timing": _finite(channel.timing),
+        "locked": list(channel.locked),
     }
 
 
@@ -283,6 +289,8 @@ def _span(span: SourceSpan) -> dict[str, Any]:
             "error": round(origin.error, 6),
             "margin": None if origin.margin is None else round(origin.margin, 6),
             "alike": origin.alike,
+            "runner_up": origin.runner_up,
+            "confidence": None if origin.confidence is None else round(origin.confidence, 4),
         }
         if origin.example is not None:
             extent = float(np.ptp(origin.example.value))

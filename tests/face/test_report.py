@@ -48,7 +48,16 @@ def report() -> TakeReport:
         SourceSpan(1.0, 2.0, "locked"),
     )
     channel = ChannelReport(
-        "BrowInnerUp", "brows", 0.0, 1.0, curve.evaluate(time), curve, spans, 0.01, float("nan")
+        "BrowInnerUp",
+        "brows",
+        0.0,
+        1.0,
+        curve.evaluate(time),
+        curve,
+        spans,
+        0.01,
+        float("nan"),
+        (1,),
     )
     return TakeReport(HOSTILE, "distance", time, (channel,), {"keys": "3"}, (), ("a note",))
 
@@ -86,6 +95,7 @@ def test_data_on_the_page_is_what_was_given(report):
     assert channel["curve"]["s"] == [0, 1, 0]
     assert channel["curve"]["h"][0] == [0.3, 0.0, 0.7, 1.0]
     assert channel["timing"] is None
+    assert channel["locked"] == [1]
     told = channel["spans"][0]["from"]
     assert told["shot"] == HOSTILE
     assert (told["start"], told["end"], told["scale"], told["margin"]) == (1.2, 1.7, 2.0, 0.004)
@@ -130,6 +140,16 @@ def test_report_of_a_match(matched):
             assert span.origin.shot.startswith("shot")
             assert span.origin.example.start == pytest.approx(span.origin.start)
     assert take_report(result, rig, baselines=False).comparison == ()
+
+
+def test_locked_keys_are_marked(matched):
+    result, rig, library = matched
+    lock = Key(1.0, 0.4, (-0.1, 0.0), (0.1, 0.0))
+    kept = match(result.take, library, rig, MatchSettings(), locked={"BrowInnerUp": [lock]})
+    channel = take_report(kept, rig, library, baselines=False).channels[0]
+    (number,) = channel.locked
+    assert channel.result.keys[number] == lock
+    assert page_data(take_report(kept, rig, library))["channels"][0]["locked"] == [number]
 
 
 def test_two_clicks_in_a_real_browser(matched, tmp_path):

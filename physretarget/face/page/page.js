@@ -76,7 +76,7 @@
     title.append(make("span", `${c.curve.t.length} keys of ${D.time.length} frames`));
     if (c.error !== null) title.append(make("span", "error " + percent(c.error)));
     if (c.timing !== null) title.append(make("span", `turning points off by ${c.timing.toFixed(1)} frames`));
-    if (lows[i]) title.append(make("span", `▲ ${lows[i]} low-margin`, "warn"));
+    if (lows[i]) title.append(make("span", `▲ ${lows[i]} doubtful`, "warn"));
     box.append(title);
     frames[i] = box;
     $("charts").append(box);
@@ -151,10 +151,11 @@
     }
     c.curve.t.forEach((t, k) => {
       if (t < view[0] || t > view[1]) return;
-      const d = (k === marked ? 6.5 : 4.5) * r, x = X(t), y = Y(c.curve.v[k]);
+      const d = (k === marked ? 6.5 : 4.5) * r, x = X(t), y = Y(c.curve.v[k]), kept = c.locked.includes(k);
       ctx.beginPath();
-      ctx.moveTo(x, y - d); ctx.lineTo(x + d, y); ctx.lineTo(x, y + d); ctx.lineTo(x - d, y); ctx.closePath();
-      ctx.fillStyle = k === marked ? css("--accent") : css("--result");
+      if (kept) ctx.rect(x - d, y - d, 2 * d, 2 * d);
+      else { ctx.moveTo(x, y - d); ctx.lineTo(x + d, y); ctx.lineTo(x, y + d); ctx.lineTo(x - d, y); ctx.closePath(); }
+      ctx.fillStyle = k === marked ? css("--accent") : kept ? css("--locked-key") : css("--result");
       ctx.fill();
       ctx.strokeStyle = css("--panel"); ctx.lineWidth = 1.2 * r; ctx.stroke();
     });
@@ -295,11 +296,11 @@
     if (!o) { panel.append(make("p", KINDS[s.kind])); if (s.low) panel.append(make("p", "▲ flagged", "flag")); return; }
     panel.append(make("p", o.shot, "shot"), make("p", `${o.channel}, ${seconds(o.start)} to ${seconds(o.end)} of the shot`));
     const list = make("dl");
-    const rows = [["time scale", o.scale.toFixed(2) + "×"], ["height scale", +o.amplitude.toPrecision(3) + "×"], ["error", percent(o.error)], ["runner-up fits worse by", percent(o.margin)], ["segments of this shape", o.alike]];
+    const rows = [["time scale", o.scale.toFixed(2) + "×"], ["height scale", +o.amplitude.toPrecision(3) + "×"], ["error", percent(o.error)], ["confidence", percent(o.confidence)], ["runner-up", o.runner_up ? `${o.runner_up}, dearer by ${o.margin.toFixed(2)} keys` : "–"], ["segments of this shape", o.alike]];
     for (const [a, b] of rows) { const row = make("div"); row.append(make("dt", a), make("dd", b)); list.append(row); }
     panel.append(list);
     if (s.kind === "fitted") panel.append(make("p", "A gap: no segment was good enough, so the nearest closes it.", "soft"));
-    if (s.low) panel.append(make("p", "▲ low margin: another example fits nearly as well, so look at this span", "flag"));
+    if (s.low) panel.append(make("p", "▲ doubtful: other placements cut elsewhere at nearly the same price, so look at this span", "flag"));
     if (o.curve && o.curve.t.length > 1) panel.append(sketch(o.curve));
   }
   function open(i, title, sub) {
@@ -319,6 +320,7 @@
     picked = { channel: i, key: k };
     if (t < view[0] || t > view[1]) zoom(t - (view[1] - view[0]) / 2, t + (view[1] - view[0]) / 2);
     const panel = open(i, c.name, `key ${k + 1} of ${c.curve.t.length} at ${seconds(t)}, value ${+c.curve.v[k].toPrecision(4)}; in ${c.types[k][0]}, out ${c.types[k][1]}`);
+    if (c.locked.includes(k)) panel.append(make("p", "■ locked: the animator's own key, kept as it was", "flag"));
     const step = make("div", undefined, "step");
     for (const [name, to] of [["◀ key", k - 1], ["key ▶", k + 1]]) {
       const b = make("button", name);
@@ -344,7 +346,7 @@
   }
   function nothing() {
     const panel = $("source");
-    panel.replaceChildren(make("h2", "Where a key comes from"), make("p", "Click a key (a diamond) or a span (the strip below a timeline): its shot, the time in that shot, scale, error and margin are told here.", "soft"), make("p", "Drag over a timeline to zoom all of them, double-click for the whole take; Shift + wheel zooms too. Arrow keys step through the keys of the timeline in focus.", "soft"));
+    panel.replaceChildren(make("h2", "Where a key comes from"), make("p", "Click a key (a diamond) or a span (the strip below a timeline): its shot, the time in that shot, scale, error and confidence are told here.", "soft"), make("p", "Drag over a timeline to zoom all of them, double-click for the whole take; Shift + wheel zooms too. Arrow keys step through the keys of the timeline in focus.", "soft"));
     panel.classList.add("empty");
   }
   nothing();
