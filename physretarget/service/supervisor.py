@@ -147,10 +147,10 @@ class Supervisor:
             self._finish(job, "done", began, result=result, summary=_summary(answer))
         except ChildError as error:
             self._failed(job, watch, error, began)
-        except (PhysretargetError, OSError) as error:
+        except Exception:
+            # A bug of ours, or a full disk: the client is told, the worker goes on.
             log.exception("job %s cannot be run", job.id, extra={"job": job.id})
             told = {"code": "internal", "message": "The service could not run the job."}
-            del error
             self._finish(job, "failed", began, error=told)
         finally:
             self._cancelled.discard(job.id)
