@@ -16,7 +16,7 @@ const ROUTES = [
   [/^\/compare$/, compareView, "Compare"],
   [/^\/library$/, libraryView, "Library"],
 ];
-const HEALTH_MS = 10_000;
+const HEALTH_MS = 5_000, COUNTED_MS = 1_200; // the server counts its jobs once a second
 let leaving = new AbortController(), first = true;
 
 // ---- routes ------------------------------------------------------------------------------------
@@ -171,4 +171,4 @@ show();
 health();
 setInterval(() => document.hidden || health(), HEALTH_MS);
 document.addEventListener("visibilitychange", () => document.hidden || health());
-addEventListener("physretarget:submitted", health);
+addEventListener("physretarget:submitted", () => setTimeout(health, COUNTED_MS));

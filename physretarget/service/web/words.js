@@ -82,6 +82,12 @@ const pretty = (unit) => String(unit ?? "").replace("^2", "²").replace("^3", "�
 export const plural = (count, word) => `${count} ${word}${count === 1 ? "" : "s"}`;
 export const counts = (summary) => `${plural(summary.errors, "error")} · ${plural(summary.warnings, "warning")}`;
 
+/** The options of a job in a few words, so that two jobs of one clip can be told apart. */
+export function optionsTold(options) {
+  const said = { profile: (v) => v, lowpass: (v) => `low-pass ${v} Hz`, fps: (v) => `${v} fps`, mapper: (v) => v, physics: (v) => `${v} physics` };
+  return Object.entries(options).map(([name, value]) => Object.hasOwn(said, name) ? said[name](value) : name.replaceAll("_", " "));
+}
+
 export function bytes(size) {
   if (size < 1000) return `${size} B`;
   const units = ["kB", "MB", "GB"], step = Math.min(2, Math.floor(Math.log10(size) / 3) - 1);

@@ -3,12 +3,12 @@
 import { calm, el, fresh, icon, say, table } from "/web/dom.js";
 import { API, get, query } from "/web/api.js";
 import { frame } from "/web/frame.js";
-import { ago, counts, measureName, pair } from "/web/words.js";
+import { ago, counts, measureName, optionsTold, pair } from "/web/words.js";
 
 const BETTER = { lower: "lower", higher: "higher", one: "near 1", none: "not judged" };
 const SENTENCE = {
-  worse: "The right one is worse.", better: "The right one is better.", fixed: "The right one is mended.",
-  same: "No difference that matters.",
+  worse: "Something got worse on the right:", better: "The right one is better:", fixed: "The right one is mended:",
+  same: "No difference that matters:",
 };
 
 export async function compareView({ main, params, signal, name }) {
@@ -44,7 +44,7 @@ function picker(known, left, right) {
       el("select", { id, on: { change: (event) => go({ left, right, [place]: event.target.value }) } },
         el("option", { value: "" }, "choose a job"),
         [...known.values()].map((job) => el("option", { value: job.id, selected: job.id === chosen, disabled: job.id === other },
-          `${job.clip.name} · ${job.model.name} · ${job.summary ? counts(job.summary) : job.status} · ${ago(job.created)}`))));
+          [job.clip.name, ...optionsTold(job.options), job.model.name, job.summary ? counts(job.summary) : job.status, ago(job.created)].join(" · ")))));
   };
   return el("div", { class: "picker" }, side("Left: before", left, right, "left"),
     el("button", { class: "button swap", type: "button", "aria-label": "Swap left and right", title: "Swap left and right",

@@ -131,7 +131,8 @@ function overview(job, report, path) {
 
 function tiles(measures) {
   return el("dl", { class: "tiles" }, TILES.filter((name) => typeof measures[name]?.value === "number").map((name) => {
-    const [value, unit] = quantity(measures[name].value, measures[name].unit);
+    const small = Math.abs(measures[name].value) < 1e-5; // a zero with rounding noise
+    const [value, unit] = quantity(small ? 0 : measures[name].value, measures[name].unit);
     return el("div", { class: "tile" }, el("dt", {}, measureName(name)),
       el("dd", {}, el("span", { class: "value" }, value), unit ? ` ${unit}` : ""));
   }));

@@ -2,7 +2,7 @@
 
 import { alarm, calm, el, icon, meter, say, verdict } from "/web/dom.js";
 import { API, ended, get, post, query } from "/web/api.js";
-import { KINDS, STATUSES, ago, counts, exact } from "/web/words.js";
+import { KINDS, STATUSES, ago, counts, exact, optionsTold } from "/web/words.js";
 import { tryExample } from "/web/examples.js";
 
 const BUSY_MS = 1000, IDLE_MS = 8000, TYPING_MS = 250;
@@ -152,8 +152,7 @@ function parts(job, chosen, choose, cancel) {
     el("label", { class: "pick" }, box),
     el("div", { class: "what" },
       el("a", { class: "name", href: `#/jobs/${job.id}` }, name),
-      el("small", {}, `${KINDS[job.kind] ?? job.kind} with ${job.model.name}`,
-        job.options.profile ? ` · ${job.options.profile}` : "")),
+      el("small", {}, [`${KINDS[job.kind] ?? job.kind} with ${job.model.name}`, ...optionsTold(job.options)].join(" · "))),
     el("div", { class: "verdict" }, verdict(job),
       ended(job) ? el("span", { class: `told${job.error ? " bad" : ""}` }, told) : [
         el("span", { class: "going" }, meter(job.progress, `Progress of ${name}`), el("small", {}, told)),
