@@ -21,7 +21,16 @@ def read(content: bytes, *, path: str, sha256: str) -> Raw:
         value = only if isinstance(only, dict) else value
     if not isinstance(value, dict):
         raise InputError(f"the pickle holds a {type(value).__name__}, not a dict.", path=path)
-    return from_mapping(value, path=path, sha256=sha256, format="GMR pkl")
+    return from_mapping(_renamed(value), path=path, sha256=sha256, format="GMR pkl")
+
+
+def _renamed(value: dict[Any, Any]) -> dict[Any, Any]:
+    """GMR's names for those of PHC and its kin (ASAP, PBHC), which mean the same."""
+    named = dict(value)
+    for theirs, ours in (("root_trans_offset", "root_pos"), ("dof", "dof_pos")):
+        if theirs in named:
+            named.setdefault(ours, named[theirs])
+    return named
 
 
 def from_mapping(value: Mapping[Any, Any], *, path: str, sha256: str, format: str) -> Raw:

@@ -20,6 +20,7 @@ from physretarget.clip.scratch import PART, Rows
 from physretarget.errors import InputError
 
 _TIME = ("time", "t", "time_s", "timestamp")
+_COUNT = ("frame", "frame#", "frames", "index", "idx")
 # 40 000 numbers of 25 digits: a line beyond is no frame, and reading it whole might not end.
 _LONGEST_LINE = 1 << 20
 
@@ -47,10 +48,13 @@ def read(file: IO[bytes], *, path: str, sha256: str) -> Raw:
         )
     parts = chain([ahead], parts)
     times: list[Floats] | None = None
-    if header is not None and header[0].lower() in _TIME:
+    width = ahead.shape[1]
+    if header is not None and header[0].lower() in _COUNT:
+        parts, header, width = (part[:, 1:] for part in parts), header[1:], width - 1
+    if header and header[0].lower() in _TIME:
         times, header = [], header[1:]
         parts = _without_time(parts, times)
-    rows = Rows(parts, ahead.shape[1] - (times is not None))
+    rows = Rows(parts, width - (times is not None))
     order = _header_order(header)
     joints = None if header is None else tuple(header[7:] if order else header)
     return Raw(
@@ -85,21 +89,24 @@ def _lines(file: IO[bytes], path: str) -> Lines:
 
 def _parts(lines: Lines, path: str) -> Iterator[Floats]:
     """The numbers of the rows, some rows at a time."""
-    rows: list[list[float]] = []
-    width = 0
+    block, filled = np.zeros((0, 0)), 0
     for number, line in lines:
         row = _row(line, number, path)
-        width = width or len(row)
-        if len(row) != width:
+        if block.shape[1] == 0:
+            block = np.empty((PART, len(row)))
+        if len(row) != block.shape[1]:
             raise InputError(
-                f"this row has {len(row)} numbers, the first has {width}.", path=path, line=number
+                f"this row has {len(row)} numbers, the first has {block.shape[1]}.",
+                path=path,
+                line=number,
             )
-        rows.append(row)
-        if len(rows) == PART:
-            yield np.array(rows, dtype=np.float64)
-            rows = []
-    if rows:
-        yield np.array(rows, dtype=np.float64)
+        block[filled] = row
+        filled += 1
+        if filled == len(block):
+            yield block.copy()
+            filled = 0
+    if filled:
+        yield block[:filled].copy()
 
 
 def _row(line: str, number: int, path: str) -> list[float]:
