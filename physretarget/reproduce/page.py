@@ -48,7 +48,7 @@ def render(results: Results) -> str:
     shown = _representative(results)
     studies = results.studies
     cost = tables.cost(results)
-    physics = tables.physics(results)
+    physics = tables.physics(results, characters)
     data = {
         "heroes": [payload(scene) for scene in heroes],
         "strips": [{"scene": payload(s["scene"]), "rows": s["rows"]} for s in strips],

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from physretarget.mjcf import Character
 from physretarget.report.words import number
-from physretarget.reproduce.explain import explain
+from physretarget.reproduce.explain import Performance, circumstances, explain
 from physretarget.reproduce.plan import (
     PAPER_COMPUTING_SECONDS,
     PAPER_SECONDS,
@@ -81,7 +83,7 @@ def _duration_and_poses(pieces: Sequence[Piece]) -> Row:
     }
 
 
-def physics(results: Results) -> list[Row]:
+def physics(results: Results, characters: Mapping[str, Character]) -> list[Row]:
     """A row per sequence, its takes below it."""
     rows = []
     for (character, style), pieces in sequences(results).items():
@@ -89,7 +91,7 @@ def physics(results: Results) -> list[Row]:
             {
                 "character": character,
                 "style": style,
-                "takes": [_take_row(p) for p in pieces],
+                "takes": [_take_row(p, results, characters[character]) for p in pieces],
                 **_physics_of(pieces),
             }
         )
@@ -139,18 +141,37 @@ def _deepest(facts: Row) -> float:
     return max(float(facts["sink"]), float(found or 0.0))
 
 
-def _take_row(piece: Piece) -> Row:
+def _take_row(piece: Piece, results: Results, character: Character) -> Row:
     facts = piece.facts
+    folder = results.out / "takes" / str(facts["take"])
+    found = json.loads((folder / "report.json").read_text("utf-8"))["findings"]
+    with np.load(folder / "clip.npz", allow_pickle=False) as clip:
+        performance = Performance(
+            character, clip["time"], clip["qpos"], clip["contact_active"], piece.arrays["actor"]
+        )
     codes = sorted(
         facts["codes"].items(), key=lambda each: (each[1]["severity"] != "error", -each[1]["count"])
     )
     return {
         "action": facts["action"],
         "page": f"takes/{facts['take']}/report.html",
-        "codes": [{"code": code, "why": explain(code), **about} for code, about in codes],
+        "codes": [
+            {"code": code, "here": _here(code, found, performance), "why": explain(code), **about}
+            for code, about in codes
+        ],
         "notes": facts["notes"],
         **_physics_of([piece]),
     }
+
+
+def _here(code: str, findings: Sequence[Row], performance: Performance) -> str:
+    """What happens where a rule fires worst; nothing if it judges the clip as a whole."""
+    worst = max(
+        (f for f in findings if f["code"] == code and f.get("frame") is not None),
+        key=lambda f: abs(f["value"] or 0.0),
+        default=None,
+    )
+    return "" if worst is None else circumstances(code, worst["frame"], worst["body"], performance)
 
 
 def mappers(results: Results) -> list[Row]:

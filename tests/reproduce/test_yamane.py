@@ -12,9 +12,9 @@ import pytest
 from physretarget import mapping
 from physretarget.demo import models_folder
 from physretarget.errors import InputError
-from physretarget.keyposes import load_keyposes, save
+from physretarget.keyposes import actor_character_of_reference, load_keyposes, save
 from physretarget.mjcf import Character
-from physretarget.reproduce.explain import _WHY, explain
+from physretarget.reproduce.explain import _WHY, Performance, circumstances, explain, phase_at
 from physretarget.reproduce.holdout import (
     LEVELS,
     Unseen,
@@ -124,6 +124,36 @@ def test_every_motion_rule_has_a_reason() -> None:
     assert "rules MDL001" in explain("MDL001")
 
 
+def hopping_lamp() -> Performance:
+    """Stands, is thrown up by 5 cm while its shade turns, stands again; the actor stands."""
+    lamp = Character.load(models_folder() / "lamp.xml")
+    time = np.arange(90) / 60.0
+    flight = np.clip((time - 0.5) / 0.2, 0.0, 1.0)
+    qpos = np.repeat(lamp.reference_qpos[None], 90, axis=0)
+    qpos[:, lamp.root_qpos + 2] += 0.05 * 4 * flight * (1 - flight)
+    head = lamp.joint_names.index("head_pitch")
+    at = next(j.qpos for j in lamp.tree.joints if j.qpos == lamp.model.jnt_qposadr[head])
+    qpos[:, at] += 1.0 * flight**2 * (3 - 2 * flight)
+    planted = np.repeat(((flight == 0) | (flight == 1))[:, None], len(lamp.contacts.names), axis=1)
+    actor = np.repeat(actor_character_of_reference().reference_qpos[None], 90, axis=0)
+    return Performance(lamp, time, qpos, planted, actor)
+
+
+def test_a_finding_is_explained_by_what_happens_there() -> None:
+    clip = hopping_lamp()
+    assert phase_at(clip, 5) == "0.08 s: standing on base for 0.50 s"
+    assert "before take-off from base" in phase_at(clip, 28)
+    assert "in a flight of 0.18 s, 5 cm high" in phase_at(clip, 36)
+    assert "after touch-down on base" in phase_at(clip, 44)
+    take_off = circumstances("DYN001", 30, None, clip)
+    # thrown up at 1 m/s within two frames or so: several body weights, most for the heavy base
+    assert re.search(r"\+\d+\.\d BW upwards, \d+ % of it for the base", take_off)
+    assert "(the actor: 0.0 and -0.0 BW)" in take_off or "(the actor: 0.0 and +0.0" in take_off
+    assert "knees are bent by 0° and 0°, which the character has not" in take_off
+    assert "the shade (0.58 kg) swings hardest" in circumstances("DYN007", 35, None, clip)
+    assert "the base is swinging, tilted by 0°" in circumstances("CON001", 36, "base", clip)
+
+
 def test_torn_work_is_done_again(tmp_path: Path) -> None:
     key = key_of("kind", 1)
     assert load(tmp_path, key) is None
@@ -183,6 +213,7 @@ def test_from_captures_to_one_page(data: Path, few_models: Path, tmp_path: Path)
     for name, body in sections:
         assert len(re.sub(r"<[^>]+>|\s+", " ", body).strip()) > 60, name
     assert not re.search(r'(?:src|href)="(?:https?:)?//', page)
+    assert "the actor's knees are bent by" in page or "swings hardest" in page
     shown = json.loads(re.search(r'id="page-data">(.*?)</script>', page, re.DOTALL)[1])  # type: ignore[index]
     assert shown["heroes"]
     assert all(strip["rows"] for strip in shown["strips"])
