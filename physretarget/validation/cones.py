@@ -184,10 +184,13 @@ def _step(problem: _Problem, y: Floats) -> tuple[Floats, Floats]:
     gradient = y - problem.b + _wrench_of(problem, out.reshape(frames, -1) * problem.inv)
     mapped = (jacobian @ problem.a.reshape(*z.shape, 6)).reshape(problem.a.shape)
     hessian = np.eye(6) + np.swapaxes(problem.a, 1, 2) @ (mapped * problem.inv[:, :, None])
-    # Arms of thousands of kilometres drown the unit matrix in rounding.
-    rounding = _ROUNDING * np.trace(hessian, axis1=1, axis2=2)
-    hessian += rounding[:, None, None] * np.eye(6)
-    step = np.linalg.solve(hessian, -gradient[:, :, None])[:, :, 0]
+    try:
+        step = np.linalg.solve(hessian, -gradient[:, :, None])[:, :, 0]
+    except np.linalg.LinAlgError:
+        # Arms of thousands of kilometres drown the unit matrix in rounding.
+        rounding = _ROUNDING * np.trace(hessian, axis1=1, axis2=2)
+        hessian += rounding[:, None, None] * np.eye(6)
+        step = np.linalg.solve(hessian, -gradient[:, :, None])[:, :, 0]
     return gradient, np.asarray(step, dtype=np.float64)
 
 
