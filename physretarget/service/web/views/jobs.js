@@ -5,7 +5,7 @@ import { API, ended, get, post, query } from "/web/api.js";
 import { KINDS, STATUSES, ago, counts, exact, optionsTold } from "/web/words.js";
 import { tryExample } from "/web/examples.js";
 
-const BUSY_MS = 1000, IDLE_MS = 8000, TYPING_MS = 250;
+const BUSY_MS = 1000, IDLE_MS = 4000, TYPING_MS = 250;
 const FILTERS = ["q", "status", "kind", "model"];
 
 export async function jobsView({ main, params, signal }) {
