@@ -157,8 +157,8 @@ def on_the_floor(data: Path) -> list[str]:
         "The takes of `physretarget reproduce yamane2010` (`python -m benchmarks.floor` lists "
         "each): the worst of each sequence's takes after the last stage. Depth: the lowest point "
         "of any geom of the whole body, by the validator's geometry (aim: 10 mm at most). "
-        "Skating: the fastest planted point (aim: 5 cm/s at most). Slide and sink as above. Errors are those "
-        "of validation, at most ten of each code counted per take.",
+        "Skating: the fastest planted point (aim: 5 cm/s at most). Slide and sink as above. "
+        "Errors are those of validation, at most ten of each code counted per take.",
         "",
         *sequences(all_takes(data)),
         "",

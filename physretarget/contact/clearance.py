@@ -26,9 +26,9 @@ DIRECTIONS = 40
 """A body is represented by its farthest points in so many directions."""
 FLOOR_SLACK = 1e-4
 """Carried bodies may be this far below the floor (m) without being lifted."""
-SOLE_SLACK = 2e-3
+SOLE_SLACK = 3e-3
 """So may feet (m): a rounded toe that a foot rolls over dips below the point that it stands on."""
-ROUNDS = 4
+ROUNDS = 3
 """Lifting a body moves its neighbours: so often is looked again."""
 
 
