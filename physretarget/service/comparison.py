@@ -17,7 +17,6 @@ from physretarget.service.schemas import (
     Summary,
 )
 from physretarget.suite.compare import State, compare, tolerance_of
-from physretarget.suite.pair_page import PairSide, pair_page
 from physretarget.suite.queue import JobRecord
 
 Sides = Sequence[tuple[JobRecord, Path]]
@@ -42,8 +41,11 @@ def compared(sides: Sides) -> Compared:
 
 def side_by_side(sides: Sides) -> str:
     """One page with both replays."""
+    # Only here: the page's words bring MuJoCo along, which the server needs for nothing else.
+    from physretarget.suite.pair_page import PairSide, pair_page
+
     told = compared(sides)
-    left, right = (_pair_side(job, folder) for job, folder in sides)
+    left, right = (PairSide(**_shown(job, folder)) for job, folder in sides)
     return pair_page(
         left,
         right,
@@ -54,12 +56,13 @@ def side_by_side(sides: Sides) -> str:
     )
 
 
-def _pair_side(job: JobRecord, folder: Path) -> PairSide:
+def _shown(job: JobRecord, folder: Path) -> dict[str, Any]:
     summary = job.summary or {}
-    return PairSide(
-        name=job.clip_name, errors=summary.get("errors", 0), warnings=summary.get("warnings", 0),
-        motion=_inflated(folder / "motion.z"), model=_inflated(folder / "model.z"),
-    )  # fmt: skip
+    return {
+        "name": job.clip_name, "errors": summary.get("errors", 0),
+        "warnings": summary.get("warnings", 0), "motion": _inflated(folder / "motion.z"),
+        "model": _inflated(folder / "model.z"),
+    }  # fmt: skip
 
 
 def _inflated(place: Path) -> str:

@@ -10,8 +10,6 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from physretarget.errors import UsageError
 from physretarget.service.errors import ApiError
-from physretarget.validation.codes import RULES
-from physretarget.validation.config import check_codes
 
 _Hz = Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)]
 _Fps = Annotated[float, Field(gt=0, le=10_000, allow_inf_nan=False)]
@@ -82,6 +80,12 @@ def read_options(kind: str, text: str | None) -> dict[str, Any]:
 
 
 def _check_codes(options: _Judged) -> None:
+    if not (options.select or options.ignore or options.severity or options.thresholds):
+        return
+    # The rules bring MuJoCo along, which the server needs for nothing else.
+    from physretarget.validation.codes import RULES
+    from physretarget.validation.config import check_codes
+
     limits = {rule.code: rule.limits for rule in RULES}
     try:
         check_codes((*options.select, *options.ignore, *options.severity), RULES)

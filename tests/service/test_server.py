@@ -221,3 +221,13 @@ def test_a_missing_extra_is_one_sentence(tmp_path: Path) -> None:
     assert ran.returncode == 2
     assert "physretarget[service]" in ran.stderr
     assert ran.stderr.count("\n") == 1
+
+
+def test_the_server_does_not_load_what_only_jobs_need() -> None:
+    """It starts in a second, and files of strangers could not reach MuJoCo here by mistake."""
+    ran = subprocess.run(
+        [sys.executable, "-c", "import physretarget.service.server, sys; "
+         "print(sorted({'mujoco', 'scipy', 'casadi'} & set(sys.modules)))"],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert ran.stdout.strip() == "[]"
