@@ -6,18 +6,22 @@ stumpy's row appears where it is installed.
 
 from __future__ import annotations
 
+import os
 import time
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from benchmarks.row import Row, best_of, markdown
 from physretarget.face.curve import Curve
 from physretarget.face.distance import distance_profile
+from physretarget.face.formats import read_take
 from physretarget.face.hmm import viterbi
 from physretarget.face.library import Library
 from physretarget.face.match import Banks, MatchSettings, match
 from physretarget.face.rig import Rig, RigChannel
-from physretarget.face.screen import METHODS
+from physretarget.face.screen import METHODS, Method
 from physretarget.face.shot import Shot, Take
 
 FPS = 30.0
@@ -93,20 +97,50 @@ def _matchers() -> list[Row]:
     return rows
 
 
-def _long() -> Row:
+def _long() -> list[Row]:
     rng = np.random.default_rng(1)
     library = Library.of([animation(60, rng, f"minute {k}") for k in range(60)])
     take = capture(120, rng)
+    return [_timed("54 channels x 120 s, 60 min library", method, take, library, RIG)
+            for method in METHODS]  # fmt: skip
+
+
+def _timed(what: str, method: Method, take: Take, library: Library, rig: Rig) -> Row:
+    settings = MatchSettings(method=method, lips=True)
     began = time.process_time()
-    match(take, library, RIG)
+    match(take, library, rig, settings)
     spent = time.process_time() - began
-    return Row(
-        name="distance: 54 channels x 120 s, 60 min library",
-        value=spent,
-        unit="s",
-        aim=60,
-        note="templates included",
-    )
+    note = "templates included"
+    return Row(name=f"{method}: {what}", value=spent, unit="s", aim=60, note=note)
+
+
+def _real() -> list[Row]:
+    """A real take of two minutes and all hand-made curves, varied until they last an hour."""
+    data = Path(os.environ.get("PHYSRETARGET_DATA", "../shared/data"))
+    takes = sorted((data / "face").glob("livelink*.csv"))
+    if not takes or not (data / "keys").is_dir():
+        return []
+    rng = np.random.default_rng(2)
+    own = Library.build([data / "keys"]).examples
+    examples, seconds = list(own), Library(own).seconds
+    copies = int(np.ceil(3600.0 / seconds))
+    for k in range(1, copies):
+        examples += [replace(e, shot=f"{e.shot} #{k}", curve=varied(e.curve, rng)) for e in own]
+    library = Library(tuple(examples))
+    take = read_take(takes[0], fps=FPS).between(0.0, 120.0)
+    take = replace(take, channels=take.channels[:54], values=take.values[:, :54])
+    what = f"54 real channels x {take.time[-1]:.0f} s, {library.seconds / 60:.0f} min of real keys"
+    return [_timed(f"{what}, varied", m, take, library, Rig.of(take)) for m in METHODS]
+
+
+def varied(curve: Curve, rng: np.random.Generator) -> Curve:
+    """The same keys at slightly other spans, values and handle lengths."""
+    table = curve.table.copy()
+    span = np.diff(table[:, 0]) * rng.uniform(0.8, 1.25, len(table) - 1)
+    table[1:, 0] = table[0, 0] + np.cumsum(span)
+    table[:, 1] += rng.normal(0.0, 0.1 * np.ptp(table[:, 1]), len(table))
+    table[:, 2:] *= rng.uniform(0.8, 1.0, (len(table), 1))
+    return Curve.from_table(table)
 
 
 def _kernels() -> list[Row]:
@@ -156,7 +190,7 @@ def _kernels() -> list[Row]:
 
 def run() -> list[Row]:
     """Every row."""
-    return [*_matchers(), _long(), *_kernels()]
+    return [*_matchers(), *_long(), *_real(), *_kernels()]
 
 
 if __name__ == "__main__":

@@ -15,6 +15,21 @@ sys.path.insert(0, str(Path(__file__).parent))
 from targets import CUT, TOY, toy
 
 from physretarget.clip import Clip, npz_bytes
+from physretarget.errors import MissingExtraError
+from physretarget.face.curve import Curve
+from physretarget.face.formats import write_csv, write_shot
+from physretarget.face.library import Library
+from physretarget.face.shot import Shot, Take
+
+RIG = """name = "girl"
+[groups.brows]
+library = ["*brow*"]
+[channels.brow_up]
+group = "brows"
+range = [0.0, 2.0]
+from = { BrowInnerUp = 1.0, JawOpen = 0.5 }
+offset = 0.25
+"""
 
 BVH = """HIERARCHY
 ROOT Hips
@@ -139,10 +154,34 @@ def seeds() -> dict[str, dict[str, bytes]]:
         "deepmimic": {"one": json.dumps({"Loop": "wrap", "Frames": [still, still]}).encode()},
         "amc": {"tiny": ASF.encode() + CUT + AMC.encode()},
         "mot": {"one": MOT.encode()},
+        **face(),
         "keyposes": {},
         "phases": {},
         "mapper": {},
     }  # fmt: skip
+
+
+def face() -> dict[str, dict[str, bytes]]:
+    """A shot of two curves in every keyed format, a take, a rig, a library."""
+    shot = Shot("s", {"a": Curve.through([0, 0.5, 1.25], [0, 1, 0.25]),
+                      "b": Curve.through([0, 1], [2, 3], "flat")}, 30.0)  # fmt: skip
+    time = np.arange(4) / 30
+    take = Take("t", time, ("BrowInnerUp", "JawOpen"), np.stack([time, 1 - time], 1))
+    endings = {"curves": ".curves.json", "lottie": ".lottie.json", "motion3": ".motion3.json",
+               "anim": ".anim", "gltf": ".gltf"}  # fmt: skip
+    found = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for target, ending in endings.items():
+            try:
+                write_shot(Path(folder) / f"s{ending}", shot)
+            except MissingExtraError:
+                continue
+            found[target] = {"two": (Path(folder) / f"s{ending}").read_bytes()}
+        write_csv(Path(folder) / "t.csv", take)
+        found["take"] = {"two": (Path(folder) / "t.csv").read_bytes()}
+    found["rig"] = {"one": RIG.encode()}
+    found["library"] = {"one": Library.of([shot]).to_bytes()}
+    return found
 
 
 def c3d() -> bytes:

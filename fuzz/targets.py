@@ -20,6 +20,9 @@ from physretarget.capture.recording import JointRecording
 from physretarget.clip import load_clip, open_clip
 from physretarget.contact.phases import read_phases
 from physretarget.errors import PhysretargetError
+from physretarget.face.formats import read_shots, read_take
+from physretarget.face.library import Library
+from physretarget.face.rig import Rig
 from physretarget.keyposes.file import load_keyposes
 from physretarget.mjcf import Character
 from physretarget.mjcf.audit import audit
@@ -78,6 +81,15 @@ def _capture(suffix: str) -> Callable[[bytes, str], None]:
     return read
 
 
+def _shots(suffix: str) -> Callable[[bytes, str], None]:
+    def read(content: bytes, folder: str) -> None:
+        for shot in read_shots(_file(content, suffix, folder)):
+            for curve in shot.curves.values():
+                curve.evaluate([curve.start, 0.5 * (curve.start + curve.end), curve.end])
+
+    return read
+
+
 def _amc(content: bytes, folder: str) -> None:
     skeleton, _, motion = content.partition(CUT)
     capture.read(_file(motion, ".amc", folder), skeleton=_file(skeleton, ".asf", folder))
@@ -130,6 +142,14 @@ TARGETS: dict[str, Callable[[bytes, str], None]] = {
     "mot": lambda content, folder: void(read_mot(_file(content, ".mot", folder))),
     "keyposes": lambda content, folder: void(load_keyposes(_file(content, ".toml", folder), toy())),
     "phases": lambda content, folder: void(read_phases(_file(content, ".toml", folder))),
+    "curves": _shots(".curves.json"),
+    "lottie": _shots(".json"),
+    "motion3": _shots(".motion3.json"),
+    "anim": _shots(".anim"),
+    "gltf": _shots(".gltf"),
+    "take": lambda content, folder: void(read_take(_file(content, ".csv", folder))),
+    "rig": lambda content, folder: void(Rig.load(_file(content, ".toml", folder))),
+    "library": lambda content, folder: void(Library.load(_file(content, ".npz", folder))),
     "mapper": lambda content, folder: void(
         TrainedMapper.load(_file(content, ".npz", folder), toy())
     ),

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import bpy
+import numpy as np
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, StringProperty
 
 bl_info = {
@@ -59,6 +60,14 @@ class PHYSRETARGET_OT_match(bpy.types.Operator):
         name="Key cost", default=12.0, min=0.1, max=200.0, description="Higher gives fewer keys"
     )
     lips: BoolProperty(name="Lips too", default=False)  # type: ignore[valid-type]
+    preview_range: BoolProperty(  # type: ignore[valid-type]
+        name="Preview range only", default=False,
+        description="Match only the scene's preview range; keys outside it stay",
+    )  # fmt: skip
+    keep_selected: BoolProperty(  # type: ignore[valid-type]
+        name="Keep selected keys", default=False,
+        description="Selected keyframes are locked: they stay exactly as they are",
+    )  # fmt: skip
 
     @classmethod
     def poll(cls, context: Any) -> bool:
@@ -108,12 +117,31 @@ class PHYSRETARGET_OT_match(bpy.types.Operator):
         settings = MatchSettings(
             method=self.method, fidelity=self.fidelity, key_cost=self.key_cost, lips=self.lips
         )
-        result = match(take, library, Rig.of(take), settings)
-        return _assign(data, named, result, fps, start)
+        rig = Rig.of(take)
+        span = None
+        if self.preview_range:
+            first, last = context.scene.frame_preview_start, context.scene.frame_preview_end
+            ends = np.clip((np.array([first, last]) - start) / fps, 0.0, take.time[-1])
+            span = (float(ends[0]), float(ends[1]))
+        locked = {}
+        if self.keep_selected:
+            asked = {c.name for c in rig.matched(lips=self.lips)}
+            locked = {
+                name: keys
+                for name, curve in named.items()
+                if name in asked and (keys := curves.selected(curve, fps, start, span))
+            }
+        result = match(take, library, rig, settings, span=span, locked=locked)
+        return _assign(data, named, result, fps, start, span)
 
 
 def _assign(
-    data: Any, named: dict[str, Any], result: Any, fps: float, start: int
+    data: Any,
+    named: dict[str, Any],
+    result: Any,
+    fps: float,
+    start: int,
+    span: tuple[float, float] | None,
 ) -> tuple[Any, int, int, int]:
     """A new action with the matched curves, and copies of the others."""
     from . import curves
@@ -133,7 +161,7 @@ def _assign(
         if channel is None:
             copied += 1
         else:
-            target.keyframe_points.clear()
+            curves.clear(target, fps, start, span)
             curves.write(target, channel.curve, fps, start)
         after += len(target.keyframe_points)
     data.action = made

@@ -60,18 +60,53 @@ def first_frame(named: dict[str, Any]) -> int:
     return int(np.floor(min(f.range()[0] for f in named.values())))
 
 
+def selected(fcurve: Any, fps: float, start: float, span: tuple[float, float] | None) -> list[Key]:
+    """The selected keyframes within a range (s), handles and all."""
+    keys = []
+    for point in fcurve.keyframe_points:
+        time = (point.co[0] - start) / fps
+        if not point.select_control_point or time < 0:
+            continue
+        if span is not None and not span[0] - 1e-6 <= time <= span[1] + 1e-6:
+            continue
+        sides = [
+            (float(h[0] - point.co[0]) / fps, float(h[1] - point.co[1]))
+            for h in (point.handle_left, point.handle_right)
+        ]
+        into = (min(sides[0][0], 0.0), sides[0][1])
+        out = (max(sides[1][0], 0.0), sides[1][1])
+        held = "stepped" if point.interpolation == "CONSTANT" else "fixed"
+        keys.append(Key(time, float(point.co[1]), into, out, "fixed", held, broken=True))
+    return keys
+
+
+def clear(fcurve: Any, fps: float, start: float, span: tuple[float, float] | None) -> None:
+    """Remove all keys, or those within a range (s)."""
+    points = fcurve.keyframe_points
+    if span is None:
+        points.clear()
+        return
+    low, high = start + span[0] * fps - 1e-3, start + span[1] * fps + 1e-3
+    for k in reversed(range(len(points))):
+        if low <= points[k].co[0] <= high:
+            points.remove(points[k], fast=True)
+    fcurve.update()
+
+
 def write(fcurve: Any, curve: Curve, fps: float, start: float) -> None:
     """Keys with their exact handles; a jump to the next key's value gets a key of its own."""
     keys = list(_plain(curve))
     points = fcurve.keyframe_points
+    there = len(points)
     points.add(len(keys))
-    for point, key in zip(points, keys, strict=True):
+    made = [points[there + k] for k in range(len(keys))]
+    for point, key in zip(made, keys, strict=True):
         frame = start + key.time * fps
         point.co = (frame, key.value)
         point.interpolation = "CONSTANT" if key.out_type == "stepped" else "BEZIER"
         smooth = "FREE" if key.broken else "ALIGNED"
         point.handle_left_type = point.handle_right_type = smooth
-    for point, key in zip(points, keys, strict=True):
+    for point, key in zip(made, keys, strict=True):
         (a, b), (c, d) = key.in_tangent, key.out_tangent
         frame = start + key.time * fps
         point.handle_left = (frame + a * fps, key.value + b)

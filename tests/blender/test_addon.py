@@ -83,6 +83,31 @@ def test_match_writes_a_new_action_and_keeps_the_old(library):
     assert [fcurve.evaluate(f) for f in range(10, 101)] == pytest.approx(true, abs=0.08)
 
 
+def test_a_range_and_locked_keys(library):
+    captured_face()
+    data = bpy.context.object.data.shape_keys.animation_data
+    bag = curves.channelbag(data.action, data.action_slot)
+    fcurve = bag.fcurves.find('key_blocks["BrowInnerUp"].value')
+    for point in fcurve.keyframe_points:
+        point.select_control_point = point.co[0] in (50, 61)
+    before = dict(keys_of(data)["BrowInnerUp"])
+    scene = bpy.context.scene
+    scene.use_preview_range = True
+    scene.frame_preview_start, scene.frame_preview_end = 40, 80
+    done = bpy.ops.action.physretarget_match(
+        library=str(library), preview_range=True, keep_selected=True
+    )
+    assert done == {"FINISHED"}
+    after = dict(keys_of(data)["BrowInnerUp"])
+    frames = sorted(after)
+    assert [f for f in frames if f < 40] == list(range(10, 40))
+    assert [f for f in frames if f > 80] == list(range(81, 101))
+    assert {40, 50, 61, 80} <= set(frames)
+    assert len([f for f in frames if 40 <= f <= 80]) < 15
+    for f in (50, 61):
+        assert after[f] == pytest.approx(before[f], abs=1e-6)
+
+
 def test_undo_brings_the_old_action_back(library):
     captured_face()
     bpy.ops.ed.undo_push(message="before")
