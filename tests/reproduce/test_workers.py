@@ -68,7 +68,7 @@ def test_workers_end_with_the_run(tmp_path: Path, sent: signal.Signals, code: in
     os.kill(run.pid, sent)
     assert run.wait(timeout=20.0) == code
     for pid in (int(file.name) for file in pids.iterdir()):
-        _until(lambda p=pid: not _alive(p), 10.0)  # type: ignore[misc]
+        _until(lambda p=pid: not _alive(p), 10.0)
 
 
 def _until(true: object, seconds: float) -> None:
