@@ -439,8 +439,10 @@ def test_a_token_is_asked_for_and_kept(browser: Browser, start: Callable[..., An
 
 # ---- everybody can use it ----------------------------------------------------------------------
 
-_PLACES = ("#/jobs", "#/new", "#/new?kind=retarget", "#/library", "#/compare", "#/jobs/{0}",
-           "#/jobs/{1}", "#/jobs/{1}?view=report", "#/jobs/{2}", "#/compare?left={0}&right={1}")  # fmt: skip
+_PLACES = (
+    "#/jobs", "#/new", "#/new?kind=retarget", "#/library", "#/compare", "#/jobs/{0}", "#/jobs/{1}",
+    "#/jobs/{1}?view=report", "#/jobs/{2}", "#/compare?left={0}&right={1}",
+)  # fmt: skip
 
 
 def _settled(page: Page, url: str, place: str) -> None:

@@ -25,6 +25,10 @@ export async function submitView({ main, params, signal, name }) {
     get(`${API}/clips${query({ limit: 100 })}`, { signal }),
     params.get("from") ? get(`${API}/jobs/${encodeURIComponent(params.get("from"))}`, { signal }) : null,
   ]);
+  if (before && !clips.items.some((clip) => clip.sha256 === before.clip.sha256)) { // an old one, then
+    const { items } = await get(`${API}/clips${query({ q: before.clip.name, limit: 200 })}`, { signal });
+    clips.items.unshift(...items.filter((clip) => clip.sha256 === before.clip.sha256).slice(0, 1));
+  }
   const kind = before?.kind ?? (params.get("kind") === "retarget" ? "retarget" : "validate");
   const form = build({ kind, models: models.items, clips: clips.items, before, params });
   name(before ? "Judge again" : kind === "validate" ? "Submit a clip" : "Submit a capture");
