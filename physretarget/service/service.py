@@ -106,7 +106,13 @@ class Service:
 
     def keep(self, upload: Upload) -> None:
         """Give an upload its place among the blobs; for who holds the lock on them."""
-        upload.path.replace(self.home.blob(upload.sha256))
+        place = self.home.blob(upload.sha256)
+        # The same content in another file would be another file to a child that was just
+        # allowed to read this one.
+        if place.exists():
+            upload.path.unlink()
+        else:
+            upload.path.replace(place)
         self.metrics.upload_bytes.inc(upload.bytes)
 
     def add_clip(self, upload: Upload) -> ClipRecord:
