@@ -180,6 +180,15 @@ def test_a_key_makes_one_job(live: Any, clip: Clip) -> None:
     assert list(live.service.home.blobs.iterdir()) == []
 
 
+def test_the_same_clip_again_and_again(live: Any, clip: Clip) -> None:
+    """Jobs share its content on disk: it must neither go nor change under one that runs."""
+    with ThreadPoolExecutor(4) as pool:
+        answers = list(pool.map(lambda _: live.submit(clip(0.07)), range(24)))
+    jobs = [live.wait(answer.json()["id"]) for answer in answers]
+    assert {job["status"] for job in jobs} == {"done"}, [job["error"] for job in jobs]
+    assert len({job["id"] for job in jobs}) == 24
+
+
 # ---- lists -------------------------------------------------------------------------------------
 
 

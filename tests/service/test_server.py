@@ -86,7 +86,8 @@ def test_a_day_of_a_server(server: Any, tmp_path: Path) -> None:
     assert all({"time", "level", "message"} <= set(line) for line in log)
     assert not any(line["level"] == "error" for line in log), log
     server.start()
-    assert [ended(server, id)["status"] for id in waiting] == ["done"] * 6
+    found = [ended(server, id) for id in waiting]
+    assert [job["status"] for job in found] == ["done"] * 6, found
     assert submit(server, clip, **{"Idempotency-Key": "3"}) == waiting[3]
     again = httpx.get(f"{server.url}/api/v1/jobs/{id}/report").json()
     assert again == report
