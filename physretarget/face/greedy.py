@@ -49,6 +49,7 @@ def greedy_cover(
                 _claim(
                     found[c],
                     claimed[c],
+                    job.barred[c],
                     captures[c],
                     n,
                     known,
@@ -65,6 +66,7 @@ def greedy_cover(
 def _claim(
     found: list[Placed],
     claimed: NDArray[np.bool_],
+    barred: NDArray[np.bool_],
     capture: Windows,
     n: int,
     known: NDArray[np.intp],
@@ -77,7 +79,9 @@ def _claim(
     while True:
         # Neighbours may share their end frame, so only inner frames must be free.
         busy = np.concatenate([[0], np.cumsum(claimed)])
-        starts = np.flatnonzero(busy[n:-1] - busy[1:-n] == 0)
+        inside = claimed & ~barred
+        ends = inside[: len(inside) - n] | inside[n:]
+        starts = np.flatnonzero((busy[n:-1] - busy[1:-n] == 0) & ~ends)
         if not len(starts):
             return
         cost = window_costs(

@@ -208,3 +208,15 @@ def test_real_take_with_a_real_library(data):
         assert dense.min() >= channel.lower
         assert dense.max() <= channel.upper
         assert got.error < 0.1
+
+
+def test_greedy_pieces_do_not_overlap():
+    rng = np.random.default_rng(3)
+    rough = np.cumsum(rng.normal(0, 0.1, (200, 6)), axis=0)
+    take = take_of(*rough.T)
+    result = match(take, LIBRARY, Rig.of(take), MatchSettings(placement="greedy", fidelity=0.08))
+    for channel in result.channels.values():
+        assert channel.pieces[0].start == 0
+        assert channel.pieces[-1].end == pytest.approx(take.time[-1])
+        for left, right in pairwise(channel.pieces):
+            assert left.end == pytest.approx(right.start)
