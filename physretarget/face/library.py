@@ -9,7 +9,9 @@ short gestures cut through the middle.
 from __future__ import annotations
 
 import json
+import tokenize
 import zipfile
+import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -29,6 +31,21 @@ from physretarget.files import npz_bytes, write_file
 
 Array = NDArray[np.float64]
 _VERSION = 1
+# What NumPy's and zip's readers raise over archives that are damaged or forged.
+_TORN = (
+    zipfile.BadZipFile,
+    zlib.error,
+    tokenize.TokenError,
+    SyntaxError,
+    ValueError,
+    ArithmeticError,
+    LookupError,
+    TypeError,
+    EOFError,
+    MemoryError,
+    NotImplementedError,
+    RuntimeError,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -222,7 +239,7 @@ class Library:
             return cls(tuple(examples), LibrarySettings(**meta["settings"]))
         except OSError as error:
             raise InputError(f"cannot be read: {error.strerror or error}.", path=path) from error
-        except (zipfile.BadZipFile, ValueError, KeyError, TypeError, IndexError, EOFError) as error:
+        except _TORN as error:
             raise InputError("not a library written by face library.", path=path) from error
 
 
