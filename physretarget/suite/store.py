@@ -27,6 +27,7 @@ try:
 except ImportError as error:
     raise MissingExtraError("SQLAlchemy", extra="suite", purpose="a suite's history") from error
 
+from physretarget.suite import suite_tables as tables
 from physretarget.suite.service_tables import create_service_tables
 
 _PATIENCE = 30.0  # seconds to wait for another connection
@@ -35,72 +36,11 @@ _CHUNK = 500  # addresses per IN (...): below every driver's limit of parameters
 _READING = "physretarget_reading"
 _LOCK = 7246213  # any number, the same in every version: who migrates waits for the other
 
-_tables = sa.MetaData()
-_version = sa.Table("schema_version", _tables, sa.Column("version", sa.Integer, nullable=False))
-_runs = sa.Table(
-    "runs", _tables,
-    sa.Column("id", sa.Integer, primary_key=True),
-    sa.Column("suite", sa.Text, nullable=False, index=True),
-    sa.Column("started", sa.Text, nullable=False),
-    sa.Column("finished", sa.Text),
-    sa.Column("seconds", sa.Float),
-    sa.Column("version", sa.Text, nullable=False),
-    sa.Column("done", sa.Integer),
-    sa.Column("counts", sa.JSON),
-)  # fmt: skip
-_results = sa.Table(
-    "results", _tables,
-    sa.Column("address", sa.String(64), primary_key=True),
-    sa.Column("status", sa.String(16), nullable=False),
-    sa.Column("message", sa.Text, nullable=False),
-    sa.Column("transient", sa.Boolean, nullable=False),
-    sa.Column("seconds", sa.Float, nullable=False),
-    sa.Column("created", sa.Text, nullable=False),
-    sa.Column("measures", sa.JSON, nullable=False),
-    sa.Column("findings", sa.JSON, nullable=False),
-    sa.Column("document", sa.JSON),
-)  # fmt: skip
-_artifacts = sa.Table(
-    "artifacts", _tables,
-    sa.Column("address", sa.String(64), primary_key=True),
-    sa.Column("kind", sa.String(16), primary_key=True),
-    sa.Column("content", sa.LargeBinary, nullable=False),
-)  # fmt: skip
-_entries = sa.Table(
-    "entries", _tables,
-    sa.Column("run", sa.Integer, sa.ForeignKey("runs.id"), primary_key=True),
-    sa.Column("clip", sa.Text, primary_key=True),
-    sa.Column("address", sa.String(64)),
-    sa.Column("baseline", sa.String(64)),
-    sa.Column("case_name", sa.Text, nullable=False),
-    sa.Column("kind", sa.String(16), nullable=False),
-    sa.Column("tags", sa.JSON, nullable=False),
-    sa.Column("owner", sa.Text, nullable=False),
-    sa.Column("verdict", sa.String(16), nullable=False),
-    sa.Column("reason", sa.Text, nullable=False),
-    sa.Column("blocking", sa.Boolean, nullable=False),
-    sa.Column("changes", sa.JSON, nullable=False),
-)  # fmt: skip
-_baselines = sa.Table(
-    "baselines", _tables,
-    sa.Column("id", sa.Integer, primary_key=True),
-    sa.Column("suite", sa.Text, nullable=False, index=True),
-    sa.Column("clip", sa.Text, nullable=False),
-    sa.Column("address", sa.String(64)),  # NULL: accepted as gone
-    sa.Column("run", sa.Integer, nullable=False),
-    sa.Column("note", sa.Text, nullable=False),
-    sa.Column("accepted", sa.Text, nullable=False),
-)  # fmt: skip
-
-
-def _create(connection: sa.Connection) -> None:
-    _tables.create_all(
-        connection, tables=[_runs, _results, _artifacts, _entries, _baselines], checkfirst=False
-    )
-
-
 # Each takes the schema from its index to the next; only ever append, never edit.
-MIGRATIONS: tuple[Callable[[sa.Connection], None], ...] = (_create, create_service_tables)
+MIGRATIONS: tuple[Callable[[sa.Connection], None], ...] = (
+    tables.create_suite_tables,
+    create_service_tables,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -192,8 +132,11 @@ class Store:
         with self._engine.begin() as connection:
             if self._engine.dialect.name == "postgresql":
                 connection.execute(sa.text(f"SELECT pg_advisory_xact_lock({_LOCK})"))
-            _version.create(connection, checkfirst=True)
-            at = connection.execute(sa.select(sa.func.max(_version.c.version))).scalar() or 0
+            tables.schema_version.create(connection, checkfirst=True)
+            at = (
+                connection.execute(sa.select(sa.func.max(tables.schema_version.c.version))).scalar()
+                or 0
+            )
             if at > len(MIGRATIONS):
                 raise InputError(
                     f"was written by a newer version (schema {at}, this one knows "
@@ -202,7 +145,7 @@ class Store:
                 )
             for number, migration in enumerate(MIGRATIONS[at:], at + 1):
                 migration(connection)
-                connection.execute(_version.insert().values(version=number))
+                connection.execute(tables.schema_version.insert().values(version=number))
 
     @contextmanager
     def _errors(self) -> Iterator[None]:
@@ -244,8 +187,8 @@ class Store:
         found: set[str] = set()
         with self.begin() as connection:
             for part in _parts(addresses):
-                query = sa.select(_results.c.address).where(
-                    _results.c.address.in_(part), _results.c.transient.is_(False)
+                query = sa.select(tables.results.c.address).where(
+                    tables.results.c.address.in_(part), tables.results.c.transient.is_(False)
                 )
                 found.update(connection.execute(query).scalars())
         return found
@@ -271,22 +214,22 @@ class Store:
                 name, _, own = kind.partition("/")
                 connection.execute(
                     self.insert(
-                        _artifacts,
+                        tables.artifacts,
                         {"address": own or outcome.address, "kind": name, "content": content},
                     )
                 )
-            connection.execute(self.insert(_results, row, keys=("address",)))
+            connection.execute(self.insert(tables.results, row, keys=("address",)))
 
     def states(self, addresses: Iterable[str]) -> dict[str, State]:
         """What is needed to compare, by address."""
         columns = (
-            _results.c.address, _results.c.status, _results.c.message, _results.c.measures,
-            _results.c.findings,
+            tables.results.c.address, tables.results.c.status, tables.results.c.message,
+            tables.results.c.measures, tables.results.c.findings,
         )  # fmt: skip
         found: dict[str, State] = {}
         with self.begin() as connection:
             for part in _parts(addresses):
-                query = sa.select(*columns).where(_results.c.address.in_(part))
+                query = sa.select(*columns).where(tables.results.c.address.in_(part))
                 for row in connection.execute(query).mappings():
                     found[row["address"]] = State(**row)
         return found
@@ -296,16 +239,16 @@ class Store:
         found: dict[str, dict[str, Any]] = {}
         with self.begin() as connection:
             for part in _parts(addresses):
-                query = sa.select(_results.c.address, _results.c.document).where(
-                    _results.c.address.in_(part), _results.c.status == "ok"
+                query = sa.select(tables.results.c.address, tables.results.c.document).where(
+                    tables.results.c.address.in_(part), tables.results.c.status == "ok"
                 )
                 found.update((row[0], row[1]) for row in connection.execute(query))
         return found
 
     def artifact(self, address: str, kind: str) -> bytes | None:
         """The bytes of an artifact, None where there is none."""
-        query = sa.select(_artifacts.c.content).where(
-            _artifacts.c.address == address, _artifacts.c.kind == kind
+        query = sa.select(tables.artifacts.c.content).where(
+            tables.artifacts.c.address == address, tables.artifacts.c.kind == kind
         )
         with self.begin() as connection:
             content = connection.execute(query).scalar()
@@ -317,7 +260,7 @@ class Store:
         """Note that a run has begun; one that never finishes is in no report."""
         row = {"suite": suite, "started": _now(), "version": version}
         with self.begin() as connection:
-            made = connection.execute(_runs.insert().values(row).returning(_runs.c.id))
+            made = connection.execute(tables.runs.insert().values(row).returning(tables.runs.c.id))
             return int(made.scalar_one())
 
     def finish_run(
@@ -336,19 +279,19 @@ class Store:
         ]  # fmt: skip
         with self.begin() as connection:
             if rows:
-                connection.execute(_entries.insert(), rows)
+                connection.execute(tables.entries.insert(), rows)
             connection.execute(
-                _runs.update()
-                .where(_runs.c.id == run)
+                tables.runs.update()
+                .where(tables.runs.c.id == run)
                 .values(finished=_now(), seconds=seconds, done=done, counts=counts)
             )
 
     def runs(self, suite: str, limit: int = 60) -> list[Run]:
         """The last finished runs, oldest first."""
         query = (
-            sa.select(_runs)
-            .where(_runs.c.suite == suite, _runs.c.finished.is_not(None))
-            .order_by(_runs.c.id.desc())
+            sa.select(tables.runs)
+            .where(tables.runs.c.suite == suite, tables.runs.c.finished.is_not(None))
+            .order_by(tables.runs.c.id.desc())
             .limit(limit)
         )
         with self.begin() as connection:
@@ -357,7 +300,11 @@ class Store:
 
     def entries(self, run: int) -> list[Entry]:
         """A run's verdicts by clip."""
-        query = sa.select(_entries).where(_entries.c.run == run).order_by(_entries.c.clip)
+        query = (
+            sa.select(tables.entries)
+            .where(tables.entries.c.run == run)
+            .order_by(tables.entries.c.clip)
+        )
         with self.begin() as connection:
             rows = [dict(row) for row in connection.execute(query).mappings()]
         for row in rows:
@@ -368,9 +315,9 @@ class Store:
     def tracks(self, runs: Sequence[int]) -> dict[str, list[tuple[int, str | None]]]:
         """For every clip the address of its result in each of these runs."""
         query = (
-            sa.select(_entries.c.clip, _entries.c.run, _entries.c.address)
-            .where(_entries.c.run.in_(list(runs)))
-            .order_by(_entries.c.run)
+            sa.select(tables.entries.c.clip, tables.entries.c.run, tables.entries.c.address)
+            .where(tables.entries.c.run.in_(list(runs)))
+            .order_by(tables.entries.c.run)
         )
         found: dict[str, list[tuple[int, str | None]]] = {}
         with self.begin() as connection:
@@ -382,7 +329,11 @@ class Store:
 
     def baseline(self, suite: str) -> dict[str, Accepted]:
         """What is accepted now, by clip; the latest acceptance of a clip is in force."""
-        query = sa.select(_baselines).where(_baselines.c.suite == suite).order_by(_baselines.c.id)
+        query = (
+            sa.select(tables.baselines)
+            .where(tables.baselines.c.suite == suite)
+            .order_by(tables.baselines.c.id)
+        )
         found: dict[str, Accepted] = {}
         with self.begin() as connection:
             for row in connection.execute(query).mappings():
@@ -404,7 +355,7 @@ class Store:
         ]  # fmt: skip
         if rows:
             with self.begin() as connection:
-                connection.execute(_baselines.insert(), rows)
+                connection.execute(tables.baselines.insert(), rows)
 
 
 def _sqlite_begin(connection: sa.Connection) -> None:
