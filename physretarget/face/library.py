@@ -231,6 +231,9 @@ class Library:
                 raise InputError(
                     f"library version {meta['version']}; this is {_VERSION}.", path=path
                 )
+            for name, kind in (("keys", "f"), ("kinds", "i"), ("count", "i"), ("meta", "u")):
+                if not isinstance(content[name], np.ndarray) or content[name].dtype.kind != kind:
+                    raise TypeError(name)
             ends = np.cumsum(content["count"])
             examples = [
                 _example(entry, content["keys"][end - n : end], content["kinds"][end - n : end])
