@@ -26,6 +26,7 @@ from physretarget.features import features
 from physretarget.mapping import Mapped
 from physretarget.mjcf import Character, actor_character
 from physretarget.mjcf.dynamics import lowpass
+from physretarget.novelty import Novelty, novelty
 from physretarget.trained import TrainedMapper
 
 Array = NDArray[np.float64]
@@ -79,8 +80,8 @@ class Retargeted:
     """A capture's way through the stages; stages that did not run are None.
 
     ``motion`` is the actor in its own proportions at the clip's rate, ``reference`` the same
-    on the reference actor; ``y`` (T, D_Y) the actor's features, ``mapped`` the mapper's answer.
-    ``seconds`` is the wall time of each stage.
+    on the reference actor; ``y`` (T, D_Y) the actor's features, ``mapped`` the mapper's answer,
+    ``novelty`` which frames no key pose is like. ``seconds`` is the wall time of each stage.
     """
 
     character: Character
@@ -89,6 +90,7 @@ class Retargeted:
     reference: ActorMotion
     y: Array
     mapped: Mapped
+    novelty: Novelty
     pose: ik.IkResult
     placed: momentum.Placed | None
     phases: contact.Phases | None
@@ -97,6 +99,12 @@ class Retargeted:
     clip: Clip
     seconds: dict[str, float]
     notes: tuple[str, ...]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Those of the notes that say the clip may be of no use."""
+        warning = self.novelty.warning
+        return () if warning is None else (warning,)
 
     def stages(self) -> dict[Stage, Array]:
         """The character's qpos (T, nq) after each stage that ran, in order."""
@@ -166,6 +174,8 @@ def retarget(
     watch.start("map")
     y = features(mapper.actor, reference.qpos)
     mapped = mapper.mapper.predict(y)
+    unlike = novelty(y, mapper.y, mapper.names, fps=motion.fps)
+    notes += () if unlike.warning is None else (unlike.warning,)
 
     watch.start("pose")
     pose = ik.solve(character, mapped.mean, start=mapper.nearest_pose(y))
@@ -226,6 +236,7 @@ def retarget(
         reference=reference,
         y=y,
         mapped=mapped,
+        novelty=unlike,
         pose=pose,
         placed=placed,
         phases=phases,
@@ -239,7 +250,7 @@ def retarget(
             model_sha256=character.sha256,
             contact_points=character.contacts.names if contacted else (),
             contact_active=contacted.active if contacted else None,
-            meta=_provenance(motion, mapper, settings),
+            meta=_provenance(motion, mapper, settings) | {"novelty": unlike.summary()},
         ),
         seconds=watch.seconds,
         notes=motion.notes + notes,

@@ -221,7 +221,7 @@ def _named(
 
 def _tell(result: Retargeted, target: Path) -> None:
     for note in result.notes:
-        say(f"  note: {note}")
+        say(f"  {'warning' if note in result.warnings else 'note'}: {note}")
     clip = result.clip
     say(
         f"{target}: {len(clip.time)} frames, {clip.time[-1]:.2f} s, "
