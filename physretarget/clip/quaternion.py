@@ -54,6 +54,22 @@ def decide_order(quat: Floats, *, path: str) -> tuple[QuatOrder, str]:
     )
 
 
+def doubt_order(quat: Floats, order: QuatOrder, *, format: str) -> str | None:
+    """A sentence where only the other order than the format's keeps the root upright.
+
+    No more than a doubt: someone may lie or roll, and the format says how it is meant.
+    """
+    other: QuatOrder = "xyzw" if order == "wxyz" else "wxyz"
+    as_is, turned = upright_fraction(quat, order), upright_fraction(quat, other)
+    if as_is >= _FEWER or turned < _NEARLY_ALL:
+        return None
+    return (
+        f"Quaternions are read as {order}, as {format} has them, but the root is upright in "
+        f"{as_is:.0%} of the frames then, in {turned:.0%} when read as {other}: if the file was "
+        f"written so, give --quat {other}."
+    )
+
+
 @dataclass(kw_only=True)
 class Lengths:
     """Normalises quaternions part by part; reports repairs, refuses what is no rotation."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from physretarget.clip.arrays import Frames
 from physretarget.clip.core import Bools, Floats, LongClip
-from physretarget.clip.quaternion import Lengths, QuatOrder, decide_order
+from physretarget.clip.quaternion import Lengths, QuatOrder, decide_order, doubt_order
 from physretarget.clip.scratch import Rows
 from physretarget.errors import InputError, UsageError
 from physretarget.kinematics import Tree
@@ -269,6 +269,9 @@ def _quaternion_order(
     if order is None:
         order, reason = decide_order(raw.rows.columns(columns[quats[0]]), path=raw.path)
         notes.append(reason)
+    elif told.quat is None and not raw.model_sha256:  # ours are as they say
+        doubt = doubt_order(raw.rows.columns(columns[quats[0]]), order, format=raw.format)
+        notes += () if doubt is None else (doubt,)
     return order
 
 

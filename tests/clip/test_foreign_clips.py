@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from physretarget.clip import load_clip
 from physretarget.errors import InputError
@@ -45,3 +46,46 @@ def test_a_table_of_frame_numbers_alone(tmp_path: Path) -> None:
     path.write_text("Frame\n0\n1\n2\n")
     with pytest.raises(InputError):
         load_clip(path, fps=30.0, quat="wxyz")
+
+
+def gmr(path: Path, root_rot: np.ndarray) -> Path:
+    frames = len(root_rot)
+    motion = {
+        "fps": 30,
+        "root_pos": np.zeros((frames, 3)),
+        "root_rot": root_rot,
+        "dof_pos": np.zeros((frames, 2)),
+    }
+    path.write_bytes(pickle.dumps(motion))
+    return path
+
+
+def turning(order: str, *, lying: bool = False) -> np.ndarray:
+    """Someone who turns by 120 degrees to the left, upright or flat on the back."""
+    turn = Rotation.from_rotvec(np.linspace(0, 2.1, 20)[:, None] * [0, 0, 1])
+    turn = turn * Rotation.from_euler("y", -90 if lying else 0, degrees=True)
+    return turn.as_quat(scalar_first=order == "wxyz")
+
+
+def test_a_gmr_pickle_that_stands_only_in_the_other_order_is_doubted(tmp_path: Path) -> None:
+    (note,) = [
+        n for n in load_clip(gmr(tmp_path / "a.pkl", turning("wxyz"))).notes if "read as" in n
+    ]
+    assert "--quat wxyz" in note
+    assert "5% of the frames then, in 100%" in note  # it begins at zero, which is the same in both
+    told = load_clip(gmr(tmp_path / "a.pkl", turning("wxyz")), quat="wxyz")
+    assert not [n for n in told.notes if "--quat" in n]
+    np.testing.assert_allclose(told.qpos[:, 3:7], turning("wxyz"))
+
+
+@pytest.mark.parametrize("lying", [False, True])
+def test_a_gmr_pickle_as_gmr_writes_it_is_not(tmp_path: Path, lying: bool) -> None:
+    clip = load_clip(gmr(tmp_path / "a.pkl", turning("xyzw", lying=lying)))
+    assert not [n for n in clip.notes if "--quat" in n]
+    np.testing.assert_allclose(clip.qpos[:, 3:7], turning("wxyz", lying=lying))
+
+
+def test_a_qpos_array_with_xyzw_inside_is_doubted(tmp_path: Path) -> None:
+    path = tmp_path / "a.npy"
+    np.save(path, np.concatenate([np.zeros((20, 3)), turning("xyzw"), np.zeros((20, 2))], axis=1))
+    assert any("--quat xyzw" in n for n in load_clip(path, fps=30).notes)

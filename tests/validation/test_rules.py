@@ -94,6 +94,11 @@ def _(biped, hop, standing):  # type: ignore[no-untyped-def]
     return replace(standing, model_sha256="0" * 64), biped
 
 
+@fires("DAT006")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    return posed(standing, **{f"q{i}": lambda q, t: 100 * q for i in range(3)}), biped
+
+
 @fires("MDL001")
 def _(biped, hop, standing):  # type: ignore[no-untyped-def]
     return odd(first=f'<inertial pos="0 0 0" mass="1" diaginertia="5 5 5"/>{BOX}')
@@ -298,6 +303,23 @@ def test_rule_is_documented(rule) -> None:  # type: ignore[no-untyped-def]
     assert all(len(text) > 4 for text in rule.sections.values())
     assert rule.summary.endswith(".")
     assert all(limit.source for limit in rule.limits.values())
+
+
+@pytest.mark.parametrize(
+    ("scale", "severity", "unit"),
+    [(1, None, ""), (15, None, ""), (100, "error", "centimetres"), (1000, "error", "millimetres")],
+)
+def test_the_unit_is_named(biped, standing, scale, severity, unit) -> None:  # type: ignore[no-untyped-def]
+    scaled = posed(standing, **{f"q{i}": lambda q, t: scale * q for i in range(3)})
+    found = [f for f in validate(scaled, biped).findings if f.code == "DAT006"]
+    assert [f.severity for f in found] == ([] if severity is None else [severity])
+    assert all(unit in f.message for f in found)
+
+
+def test_someone_lying_in_centimetres_is_suspected(biped, standing) -> None:  # type: ignore[no-untyped-def]
+    lying = posed(standing, q2=lambda q, t: np.full_like(q, 100 * 0.12 * biped.height))
+    (found,) = [f for f in validate(lying, biped).findings if f.code == "DAT006"]
+    assert found.severity == "warning"
 
 
 def test_codes_and_names_are_unique() -> None:
