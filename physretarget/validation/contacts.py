@@ -15,9 +15,10 @@ Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 Series = dict[str, NDArray[np.generic]]
 
-# A swing foot this deep in the floor is still said to be clear of it: a filter bends paths by
-# millimetres, and what is deeper is penetration (rule CON001).
-SAID_CLEAR_M = 0.005
+# A swing foot this deep in the floor is still said to be clear of it: rounding and a filter's
+# bends. Deeper it touches, whatever is said: one end of a rigid base may be said to stand a frame
+# before the other, while the impact of a landing needs both.
+SAID_CLEAR_M = 0.001
 # Of many touching points of one body the outermost in these horizontal directions stand for
 # all: any box keeps its corners, any hull the octagon that fits it.
 _DIRECTIONS = 8

@@ -9,7 +9,7 @@ floor (slower than 0.1 m/s, within the tolerance) for long.
 Why it matters
 --------------
 Such clips are judged by what they say: points that stand may bear load, others only where they
-are 5 mm and more in the floor. Where that is wrong, every verdict about forces, sliding and
+are 1 mm and more in the floor. Where that is wrong, every verdict about forces, sliding and
 floating rests on it, and so does whoever trains on the clip's contacts.
 
 Threshold
