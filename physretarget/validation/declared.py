@@ -3,9 +3,9 @@
 Without them a point counts as touching within the tolerance, since soles of models and captures
 lie that far off. A clip that says which points stand leaves no such doubt: those touch within
 the tolerance, the others only where they are 1 mm in the floor. So a foot that swings by a
-centimetre above the ground bears no load. What is said is not believed blindly: a standing point in the air
-bears nothing, one that slides skates, and rule CON005 names what the clip and its geometry
-disagree about.
+centimetre above the ground bears no load. What is said is not believed blindly: a standing
+point in the air bears nothing, one that slides skates, and rule CON005 names what the clip and
+its geometry disagree about.
 """
 
 from __future__ import annotations
