@@ -13,6 +13,9 @@ from physretarget.ocp.problem import Problem
 
 Array = NDArray[np.float64]
 
+BLOCK = 4096
+"""Frames whose products are held at once."""
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -30,31 +33,37 @@ class Normal:
     def __init__(self, basis: Basis) -> None:
         self.basis = basis
         one, other = np.triu_indices(basis.width)
-        self._pairs = one * basis.width + other
-        row, column = basis.columns[:, one], basis.columns[:, other]
         self._band = basis.width - 1
-        self._index = ((self._band + row - column) * basis.count + column).ravel()
+        self._pairs = one * basis.width + other
+        self._place = (self._band + one - other) * basis.count + other
 
     def equations(self, r: Array, slopes: Array, ridge: float) -> tuple[Array, Array]:
         """Banded (width, n) matrix and right-hand side (n,) of r (T, R), slopes (T, R, 3).
 
-        ``ridge`` goes on the diagonal.
+        ``ridge`` goes on the diagonal. Frames are summed one after the other, some of them at a
+        time: the products of all would take more memory than anything else.
         """
+        banded, rhs = np.zeros((self._band + 1) * self.basis.count), np.zeros(self.basis.count)
+        for start in range(0, len(r), BLOCK):
+            rows = slice(start, start + BLOCK)
+            self._add(rows, r[rows], slopes[rows], banded, rhs)
+        matrix = banded.reshape(self._band + 1, self.basis.count)
+        matrix[-1] += ridge
+        return matrix, rhs
+
+    def _add(self, rows: slice, r: Array, slopes: Array, banded: Array, rhs: Array) -> None:
         basis = self.basis
-        operators = np.stack([basis.value, basis.rate, basis.curvature], axis=1)
+        parts = (basis.value[rows], basis.rate[rows], basis.curvature[rows])
+        operators = np.stack(parts, axis=1)
         # per frame only a 3 x 3 matrix stands between the operators
         inner = np.einsum("tra,trb->tab", slopes, slopes)
         blocks = operators.transpose(0, 2, 1) @ (inner @ operators)
-        flat = blocks.reshape(blocks.shape[0], -1)[:, self._pairs]
-        size = (self._band + 1) * basis.count
-        banded = np.asarray(np.bincount(self._index, flat.ravel(), minlength=size), np.float64)
-        matrix = banded.reshape(self._band + 1, basis.count)
-        matrix[-1] += ridge
+        flat = blocks.reshape(len(r), -1)[:, self._pairs]
+        first = basis.first[rows, None]
+        np.add.at(banded, (first + self._place).ravel(), flat.ravel())
         pull = np.einsum("tra,tr->ta", slopes, r)
         local = np.einsum("ta,tam->tm", pull, operators)
-        summed = np.bincount(basis.columns.ravel(), local.ravel(), minlength=basis.count)
-        rhs = np.asarray(summed, np.float64)
-        return matrix, rhs
+        np.add.at(rhs, (first + np.arange(basis.width)).ravel(), local.ravel())
 
 
 def solve(
