@@ -79,7 +79,7 @@ def validate(
         coverage.append(Coverage(code=rule.code, status="checked"))
         told = settings.severity.get(rule.code)
         findings += (replace(f, severity=told) if told else f for f in verdict.findings)
-    findings.sort(key=lambda f: (f.severity != "error", -f.excess, f.code, f.frame or 0))
+    findings.sort(key=_worst_first)
     return Report(
         tool={"name": "physretarget", "version": __version__},
         clip=_clip_facts(analysis),
@@ -108,6 +108,13 @@ def validate_many(
         return
     with ThreadPoolExecutor(workers) as pool:
         yield from pool.map(lambda clip: validate(clip, character, settings=settings), clips)
+
+
+def _worst_first(finding: Finding) -> tuple[bool, bool, float, str, int]:
+    """Errors before warnings, and of these what is wrong with the data: the rest may follow."""
+    error = finding.severity == "error"
+    data = error and finding.code.startswith("DAT")
+    return not error, not data, -finding.excess, finding.code, finding.frame or 0
 
 
 def _clip_facts(analysis: Analysis) -> ClipFacts:

@@ -316,6 +316,13 @@ def test_the_unit_is_named(biped, standing, scale, severity, unit) -> None:  # t
     assert all(unit in f.message for f in found)
 
 
+def test_what_is_wrong_with_the_data_comes_first(biped: Character, hop: Clip) -> None:
+    centimetres = posed(hop, **{f"q{i}": lambda q, t: 100 * q for i in range(3)})
+    found = [f.code for f in validate(centimetres, biped).findings]
+    assert len(set(found)) > 2
+    assert found[0] == "DAT006"
+
+
 def test_someone_lying_in_centimetres_is_suspected(biped, standing) -> None:  # type: ignore[no-untyped-def]
     lying = posed(standing, q2=lambda q, t: np.full_like(q, 100 * 0.12 * biped.height))
     (found,) = [f for f in validate(lying, biped).findings if f.code == "DAT006"]
