@@ -35,6 +35,8 @@ Tail = Literal["mapped", "passive"]
 TAILS: tuple[Tail, ...] = get_args(Tail)
 SWINGS = 2
 """Rounds of swing, place and contact: the swinging limb moves the body that swings it."""
+FEWEST = 8
+"""Frames of a clip."""
 STAGES: tuple[Stage, ...] = get_args(Stage)
 Progress = Callable[[str], None]
 
@@ -159,7 +161,8 @@ def retarget(
         progress: called with each stage's name as it starts.
 
     Raises:
-        InputError: no run of valid frames is long enough to differentiate.
+        InputError: no run of valid frames is long enough to differentiate, at the capture's frame
+            rate or at the clip's.
     """
     settings = settings or RetargetSettings()
     watch = _Stopwatch(progress)
@@ -282,11 +285,7 @@ def _prepare(
     """The longest run of valid frames, at the clip's frame rate."""
     first, last = _longest_run(motion.valid)
     notes: tuple[str, ...] = ()
-    if last - first + 1 < 8:
-        raise InputError(
-            f"only {last - first + 1} usable frames in a row; at least 8 are needed.",
-            path=motion.source.path,
-        )
+    _enough(last - first + 1, "usable frames in a row", motion)
     if (first, last) != (0, len(motion.time) - 1):
         notes += (
             f"Frames {first} to {last} of {len(motion.time)} are used: "
@@ -297,7 +296,18 @@ def _prepare(
     if abs(fps - motion.fps) > 1e-6:
         notes += (f"Resampled from {motion.fps:g} to {fps:g} frames per second.",)
         motion = motion.resampled(fps)
+        _enough(len(motion.time), f"frames at {fps:g} frames per second", motion)
     return motion, notes
+
+
+def _enough(frames: int, of_what: str, motion: ActorMotion) -> None:
+    """Differences of second order need four frames at each end of a clip."""
+    if frames < FEWEST:
+        raise InputError(
+            f"only {frames} {of_what}; at least {FEWEST} are needed, for the accelerations that "
+            "forces come from take four frames at each end.",
+            path=motion.source.path,
+        )
 
 
 def _filtered(motion: ActorMotion, actor: Character, settings: RetargetSettings) -> ActorMotion:

@@ -108,8 +108,14 @@ def test_the_longest_usable_run_is_taken(jump, mapper) -> None:
 def test_too_few_usable_frames_are_refused(jump, mapper) -> None:
     valid = np.zeros(len(jump.time), dtype=bool)
     valid[10:17] = True
-    with pytest.raises(InputError, match="7 usable frames"):
+    with pytest.raises(InputError, match=r"7 usable frames in a row; at least 8.*accelerations"):
         retarget(replace(jump, valid=valid), mapper)
+
+
+def test_too_few_frames_at_the_rate_of_the_clip_are_refused(jump, mapper) -> None:
+    settings = RetargetSettings(fps=2, lowpass_hz=None, until="mapped")
+    with pytest.raises(InputError, match="only 4 frames at 2 frames per second"):
+        retarget(jump, mapper, settings=settings)
 
 
 def test_longest_run() -> None:
