@@ -21,6 +21,9 @@ from physretarget.ocp.settings import ContactModel, RootHeightSettings
 
 Array = NDArray[np.float64]
 
+BLOCK = 4096
+"""Frames that CasADi sees at once."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
@@ -67,13 +70,44 @@ class Scene:
         return ~touching
 
 
+class OverFrames:
+    """A CasADi function of one frame (s, p, f0), over all frames, some of them at a time.
+
+    CasADi keeps an index beside every number: all frames at once would take several times the
+    memory of the clip.
+    """
+
+    def __init__(self, function: Any) -> None:
+        self.function = function
+        self._mapped: dict[int, Any] = {}
+
+    def __call__(self, motion: Array, parameters: Array, f0: float) -> list[Array]:
+        """Outputs (rows, T * columns) for s (3, T) and p (P, T); f0 is shared."""
+        frames = motion.shape[1]
+        shapes = [self.function.size_out(i) for i in range(self.function.n_out())]
+        found = [np.empty((rows, frames * columns)) for rows, columns in shapes]
+        for start in range(0, frames, BLOCK):
+            stop = min(start + BLOCK, frames)
+            part = self._over(stop - start)(motion[:, start:stop], parameters[:, start:stop], f0)
+            outputs = part if isinstance(part, tuple) else (part,)
+            for whole, output, (_, columns) in zip(found, outputs, shapes, strict=True):
+                whole[:, start * columns : stop * columns] = output.full()
+        return found
+
+    def _over(self, frames: int) -> Any:
+        if frames not in self._mapped:
+            name = f"{self.function.name()}_{frames}"
+            self._mapped[frames] = self.function.map(name, "serial", frames, [2], [])
+        return self._mapped[frames]
+
+
 @dataclass(frozen=True)
 class Problem:
     """Residuals r (T, R) and contact wrenches as functions of s = (Δz, Δż, Δz̈) (T, 3)."""
 
-    residuals: Any
-    values: Any
-    wrench: Any
+    residuals: OverFrames
+    values: OverFrames
+    wrench: OverFrames
     parameters: Array
     model: ContactModel
     rows: int
@@ -81,21 +115,17 @@ class Problem:
     def evaluate(self, motion: tuple[Array, ...], f0: float) -> tuple[Array, Array]:
         """Residuals (T, R) and their derivatives by Δz, Δż, Δz̈ (T, R, 3)."""
         r, jacobian = self.residuals(np.stack(motion), self.parameters, f0)
-        frames = self.parameters.shape[1]
-        values = np.asarray(r.full()).T
-        slopes = np.asarray(jacobian.full()).reshape(self.rows, frames, 3)
-        return values, np.ascontiguousarray(slopes.transpose(1, 0, 2))
+        slopes = jacobian.reshape(self.rows, self.parameters.shape[1], 3)
+        return r.T, np.ascontiguousarray(slopes.transpose(1, 0, 2))
 
     def value(self, motion: tuple[Array, ...], f0: float) -> Array:
         """Residuals (R, T) alone."""
-        return np.asarray(self.values(np.stack(motion), self.parameters, f0).full())
+        return self.values(np.stack(motion), self.parameters, f0)[0]
 
     def contact_wrench(self, motion: tuple[Array, ...]) -> tuple[Array, Array]:
         """Force (T, 3) and moment about the root (T, 3) of the contact model."""
-        both = np.asarray(
-            self.wrench(np.stack(motion), self.parameters, self.model.residual).full()
-        ).T
-        return both[:, :3], both[:, 3:]
+        (both,) = self.wrench(np.stack(motion), self.parameters, self.model.residual)
+        return both.T[:, :3], both.T[:, 3:]
 
 
 def build(scene: Scene, settings: RootHeightSettings) -> Problem:
@@ -113,18 +143,13 @@ def build(scene: Scene, settings: RootHeightSettings) -> Problem:
     value = ca.Function("value", [s, p, f0], [r])
     wrench = ca.Function("wrench", [s, p, f0], [ca.vertcat(force, moment)])
     return Problem(
-        _mapped(frame, scene.frames),
-        _mapped(value, scene.frames),
-        _mapped(wrench, scene.frames),
+        OverFrames(frame),
+        OverFrames(value),
+        OverFrames(wrench),
         known,
         model,
         int(r.shape[0]),
     )
-
-
-def _mapped(function: Any, frames: int) -> Any:
-    """Over all frames; the third argument, f0, is shared."""
-    return function.map(f"{function.name()}_{frames}", "serial", frames, [2], [])
 
 
 def _known(scene: Scene, settings: RootHeightSettings) -> tuple[Array, dict[str, slice]]:

@@ -103,6 +103,19 @@ def test_normal_equations_are_those_of_the_dense_jacobian() -> None:
             assert entry == pytest.approx(expected[i, j], rel=1e-9, abs=1e-6)
 
 
+def test_blocks_of_frames_make_no_difference(
+    hopper: Make, hops: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    character = hopper()
+    qpos, time, active = hops(2.0)
+    whole = optimise(character, qpos, time, active)
+    for module in ("problem", "gauss_newton"):
+        monkeypatch.setattr(f"physretarget.ocp.{module}.BLOCK", 7)
+    parts = optimise(character, qpos, time, active)
+    assert parts.qpos.tobytes() == whole.qpos.tobytes()
+    assert parts.contact_after.tobytes() == whole.contact_after.tobytes()
+
+
 def test_interior_point_finds_nothing_better_nearby(hopper: Make, hops: Make) -> None:
     """An independent solver with exact Hessians, started at our solution."""
     qpos, time, active = hops(2.0)
@@ -122,7 +135,8 @@ def test_interior_point_finds_nothing_better_nearby(hopper: Make, hops: Make) ->
     w = ca.MX.sym("w", basis.count)
     windows = (basis.value, basis.rate, basis.curvature)
     s = ca.vertcat(*[(ca.DM(csc_matrix(sparse_of(basis, b))) @ w).T for b in windows])
-    r, _ = problem.residuals(s, problem.parameters, f0)
+    every = problem.residuals.function.map("every", "serial", scene.frames, [2], [])
+    r, _ = every(s, problem.parameters, f0)
     cost = 0.5 * ca.sumsqr(r) + 0.5 * settings.weights * ca.sumsqr(w)
     options = {"ipopt.print_level": 0, "print_time": False, "ipopt.max_iter": 100}
     solver = ca.nlpsol("twin", "ipopt", {"x": w, "f": cost}, options)
