@@ -8,6 +8,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 .PHONY: demo test lint install bench docs clean
 
 $(VENV)/.installed: pyproject.toml constraints.txt
+	@echo "Installing into $(VENV), some 2 GB; this takes a few minutes the first time."
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[demo,video,test]'
 	touch $@

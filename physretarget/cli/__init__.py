@@ -10,14 +10,28 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer.core import TyperGroup
 
 from physretarget._version import __version__
 from physretarget.cli import common
 from physretarget.errors import PhysretargetError
 
+ORDER = (
+    "demo", "retarget", "learn", "stream", "keyposes", "validate", "rules", "inspect", "replay",
+    "convert", "suite", "serve", "token", "face", "reproduce",
+)  # fmt: skip
+"""Of commands in the help: as they are met with, not as they are imported."""
+
+
+class _Ordered(TyperGroup):
+    def list_commands(self, ctx: object) -> list[str]:
+        return sorted(self.commands, key=ORDER.index)
+
+
 app = typer.Typer(
     name="physretarget",
-    help="Human motion capture to non-humanoid characters, judged by physics.",
+    cls=_Ordered,
+    help="Human motion capture to non-humanoid characters, and clips judged by physics.",
     epilog="Example: physretarget demo",
     no_args_is_help=True,
     pretty_exceptions_enable=False,

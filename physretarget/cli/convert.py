@@ -34,7 +34,10 @@ def convert_command(
         bool, typer.Option("--header", help="Begin a csv with names, and give it a time column.")
     ] = False,
 ) -> None:
-    """Convert a clip: npz, csv, npy, GMR pkl and others in; npz, csv, npy, bvh, glb out."""
+    """Convert a clip between file formats.
+
+    In: npz, csv, npy, GMR pkl and others. Out: npz, csv, npy, bvh, glb.
+    """
     one_of(to_quat, ORDERS, "--to-quat")
     clip = convert(
         source,
@@ -48,3 +51,5 @@ def convert_command(
     for note in clip.notes:
         say(f"  note: {note}")
     say(f"{target}: {clip.frames} frames, {clip.duration:.2f} s.")
+    if target.suffix.lower() == ".csv" and not header:
+        say(f"  It states neither: read it with --fps {clip.fps:g} --quat {to_quat}.")

@@ -18,7 +18,7 @@ def demo_command(
         "physretarget-demo"
     ),
 ) -> None:
-    """A desk lamp acts out a real human's jump and dance, judged by physics."""
+    """Have a desk lamp act out a real jump and dance."""
     with progress("demo", steps=demo.STEPS) as step:
         index, shown = demo.run(out, progress=step)
     for each in shown:

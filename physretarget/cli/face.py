@@ -24,7 +24,7 @@ from physretarget.face.shot import Shot
 from physretarget.files import write_file
 
 group = typer.Typer(
-    help="Dense facial capture to sparse curves in an animator's style.",
+    help="Turn facial capture into an animator's sparse curves.",
     epilog="Example: physretarget face library takes/*.anim --rig face.toml --out face.lib",
     no_args_is_help=True,
 )
@@ -50,7 +50,10 @@ def library_command(
     min_keys: Annotated[int, typer.Option("--min-keys", help="Fewest keys of a half.")] = 4,
     show: Annotated[bool, typer.Option("--list", help="Print every shot in it.")] = False,
 ) -> None:
-    """Collect past shots; an existing LIB is brought up to date, unchanged files are not reread."""
+    """Collect past shots into a library.
+
+    An existing one is brought up to date; unchanged files are not reread.
+    """
     chosen = None if rig is None else Rig.load(rig)
     previous = Library.load(out) if out.exists() else None
     with progress("reading") as stage:
@@ -96,7 +99,7 @@ def match_command(
     fps: Fps = None,
     report: Annotated[Path | None, typer.Option("--report", metavar="DIR")] = None,
 ) -> None:
-    """Turn a capture into sparse curves made of the library's segments."""
+    """Turn a capture into sparse curves in the library's style."""
     one_of(method, METHODS, "--method")
     settings = MatchSettings(
         method=cast(Method, method),

@@ -14,21 +14,26 @@ from physretarget.keyposes import check, load_keyposes, sheet
 from physretarget.mjcf import Character
 
 group = typer.Typer(
-    help="Pairs of actor pose and character pose.",
+    help="Check, draw, suggest and propose key poses.",
     epilog="Example: physretarget keyposes check lamp.keyposes.toml --character lamp.xml",
     no_args_is_help=True,
 )
 app.add_typer(group, name="keyposes")
 
 Files = Annotated[list[Path], typer.Argument(metavar="FILE...")]
-CharacterOption = Annotated[Path, typer.Option("--character", metavar="MODEL.xml")]
+CharacterOption = Annotated[
+    Path, typer.Option("--character", metavar="MODEL.xml", help="Its MJCF file.")
+]
 
 
 @command(
     group, "check", example="physretarget keyposes check lamp.keyposes.toml --character lamp.xml"
 )
 def check_command(files: Files, character: CharacterOption) -> None:
-    """Say what is doubtful about key poses; exit code 1 if any cannot be learned from."""
+    """Check key pose files.
+
+    Exit code 1 if a pose cannot be learned from.
+    """
     model = Character.load(character)
     poses = load_keyposes(files, model)
     remarks = check(poses, model)
@@ -49,7 +54,7 @@ def check_command(files: Files, character: CharacterOption) -> None:
 def sheet_command(
     files: Files,
     character: CharacterOption,
-    out: Annotated[Path, typer.Option("--out", metavar="SHEET.png")],
+    out: Annotated[Path, typer.Option("--out", metavar="SHEET.png", help="The picture.")],
 ) -> None:
     """Draw every pair, actor beside character, into one picture."""
     if out.suffix.lower() != ".png":

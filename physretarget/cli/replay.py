@@ -38,7 +38,7 @@ def replay_command(
     quat: Annotated[str | None, typer.Option("--quat", **complete(("wxyz", "xyzw")))] = None,
     speed: Annotated[float, typer.Option("--speed", help="0.25 is slow motion.")] = 1.0,
 ) -> None:
-    """Play a clip with its contact forces and findings: a window, a film or a page."""
+    """Play a clip with its forces: a window, a film or a page."""
     if (video is not None) + (html is not None) + live > 1:
         raise UsageError("--video, --html and --web exclude each other: give one.")
     character = Character.load(model)

@@ -44,7 +44,7 @@ def reproduce_command(
         int, typer.Option("--processes", min=1, help="How many work at once (yamane2010).")
     ] = 2,
 ) -> None:
-    """A paper's figures and tables, from real data; every number from this run."""
+    """Make a paper's figures and tables from real data."""
     one_of(paper, tuple(PAPERS), "PAPER")
     with progress(f"reproduce {paper}") as step:
         written = PAPERS[paper](data, out, processes, step)

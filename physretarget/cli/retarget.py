@@ -39,13 +39,13 @@ SeedOption = Annotated[int, typer.Option("--seed", min=0)]
 )
 def learn_command(
     character: CharacterOption,
-    out: Annotated[Path, typer.Option("--out", metavar="MAPPER.npz")],
+    out: Annotated[Path, typer.Option("--out", metavar="MAPPER.npz", help="The file to write.")],
     keyposes: KeyposesOption = None,
     mapper: Annotated[str, typer.Option("--mapper", **complete(NAMES))] = "sgplvm",
     dims: DimsOption = 30,
     seed: SeedOption = 0,
 ) -> None:
-    """Learn a mapper from key poses once, to be reused by retarget --mapper."""
+    """Learn a mapper from key poses, for retarget --mapper."""
     one_of(mapper, NAMES, "--mapper")
     _ends_in_npz(out)
     trained = _learn(_mobile(character), keyposes, mapper, dims, seed)
@@ -121,7 +121,9 @@ def retarget_command(
     ] = None,
     up: Annotated[
         str | None,
-        typer.Option("--up", help="The capture's up axis, if not to be guessed.", metavar="[-]x|y|z"),
+        typer.Option(
+            "--up", help="The capture's up axis, if not to be guessed.", metavar="[-]x|y|z"
+        ),
     ] = None,
     skeleton: Annotated[
         Path | None, typer.Option("--skeleton", help="ASF file of an AMC capture.")

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from physretarget.suite.registry import Registry
 
 group = typer.Typer(
-    help="Who may use the service: tokens with a scope.",
+    help="Make, list and revoke tokens of the service.",
     epilog="Example: physretarget token create --scope submit --name ci",
     no_args_is_help=True,
 )
@@ -50,7 +50,7 @@ def serve_command(
         list[str] | None,
         typer.Option(
             "--name", metavar="HOST",
-            help="A name under which it is asked, behind a proxy say; may be repeated.",
+            help="A public name, such as that of a proxy; may be repeated.",
         ),
     ] = None,
     limit: Annotated[
@@ -64,7 +64,10 @@ def serve_command(
         float, typer.Option("--rate", min=0, help="Requests a minute of one caller; 0: any.")
     ] = 1200,
 ) -> None:  # fmt: skip
-    """Take clips over HTTP, judge them in child processes, serve the reports and a web page."""
+    """Judge and retarget over HTTP, with a web page.
+
+    Jobs run in confined child processes; docs/service.md has the API.
+    """
     _check_extra()
     from physretarget.sandbox.limits import Limits
     from physretarget.service import logs
@@ -111,7 +114,10 @@ def create_command(
 
 @command(group, "list", example="physretarget token list")
 def list_command(data: Data = _DATA, history: History = None) -> None:
-    """All tokens: id, scope, when made, name, and whether revoked."""
+    """List all tokens.
+
+    Of each its id, scope, when it was made, whether it is revoked, and its name.
+    """
     _check_extra()
     for token in _registry(data, history).tokens():
         state = f"revoked {token.revoked}" if token.revoked else "valid"
@@ -124,7 +130,7 @@ def revoke_command(
     data: Data = _DATA,
     history: History = None,
 ) -> None:
-    """End a token's validity; a running service knows within seconds."""
+    """Revoke a token; a running service knows within seconds."""
     _check_extra()
     if not _registry(data, history).revoke_token(token):
         raise UsageError(f"there is no valid token with the id {token!r}.")

@@ -52,7 +52,7 @@ def stream_command(
     ] = None,
     fps: Annotated[float | None, typer.Option("--fps", help="Frame rate of --capture.")] = None,
 ) -> None:
-    """Turn an actor's poses into a character's, in real time; JSON lines in, JSON lines out."""
+    """Retarget frame by frame: JSON lines in, JSON lines out."""
     if listen and captured:
         raise UsageError("--listen and --capture are both given; one of them is allowed.")
     model = Character.load(character) if character else _shipped(mapper)

@@ -48,7 +48,9 @@ class _Candidates:
 
 
 Captures = Annotated[list[Path], typer.Argument(metavar="CAPTURE...")]
-CharacterOption = Annotated[Path, typer.Option("--character", metavar="MODEL.xml")]
+CharacterOption = Annotated[
+    Path, typer.Option("--character", metavar="MODEL.xml", help="Its MJCF file.")
+]
 Out = Annotated[
     Path | None,
     typer.Option("--out", help="Key pose file with a start pose of each.", metavar="NEW.toml"),
@@ -71,7 +73,7 @@ def suggest_command(
         list[Path] | None,
         typer.Option("--keyposes", help="What is posed already; several may be given."),
     ] = None,
-    count: Annotated[int, typer.Option("--count", min=1)] = 10,
+    count: Annotated[int, typer.Option("--count", min=1, help="How many.")] = 10,
     fps: Annotated[float, typer.Option("--fps", help="Frames per second to look at.")] = 10.0,
     format: Annotated[str, typer.Option("--format", **complete(FORMATS))] = "text",
     out: Out = None,
@@ -113,7 +115,7 @@ def propose_command(
     time: Annotated[list[float], typer.Option("--time", help="Seconds; may be given repeatedly.")],
     sheet: Sheet = None,
 ) -> None:
-    """Make a key pose file with a start pose for frames of your choice."""
+    """Make start poses for frames of your choice."""
     model = Character.load(character)
     check_mobile(model)
     motion = capture.load(captured)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from physretarget.suite.store import Entry, Run, Store
 
 group = typer.Typer(
-    help="Judge a library every night and tell what changed.",
+    help="Judge a whole library every night, and say what changed.",
     epilog="Example: physretarget suite run nightly.toml",
     no_args_is_help=True,
 )
@@ -55,7 +55,10 @@ def run_command(
     ] = None,
     history: History = None,
 ) -> None:  # fmt: skip
-    """Judge what changed, compare with the baseline, write the report; exit code 1 if worse."""
+    """Judge what changed and write the report.
+
+    Compares with the accepted baseline; exit code 1 if something is worse.
+    """
     from physretarget.suite.plan import plan
     from physretarget.suite.run import local, run_suite
     from physretarget.suite.site import write_site
@@ -95,7 +98,7 @@ def accept_command(
     ] = None,
     history: History = None,
 ) -> None:
-    """Make a run's results the baseline that later runs are compared with."""
+    """Make a run's results the baseline of later runs."""
     told = _suite(suite, history)
     with _open(told) as store:
         run = _run(store, told, number)
@@ -125,7 +128,7 @@ def report_command(
     ] = None,
     history: History = None,
 ) -> None:
-    """Write the report of a run again from the history; nothing is judged anew."""
+    """Write a run's report again; nothing is judged anew."""
     from physretarget.suite.site import write_site
 
     told = _suite(suite, history)

@@ -55,7 +55,9 @@ _SUFFIX = {"text": "txt", "sarif": "sarif", "junit": "xml", "markdown": "md"}
 )
 def validate_command(
     clips: Annotated[list[Path], typer.Argument(metavar="CLIP...")],
-    model: Annotated[Path, typer.Option("--model", metavar="MODEL.xml")],
+    model: Annotated[
+        Path, typer.Option("--model", metavar="MODEL.xml", help="The clips' MJCF file.")
+    ],
     fps: Annotated[float | None, typer.Option("--fps", help="Of clips without a header.")] = None,
     quat: Annotated[
         str | None,
@@ -107,7 +109,7 @@ def validate_command(
     )  # fmt: skip
     _character(model)  # a broken model is one error, not one for every clip
     reports: list[Report] = []
-    pages: list[tuple[Path, str]] = []
+    pages: list[_Outcome] = []
     unusable = 0
     for outcome in _outcomes(_files(clips), job, jobs):
         if isinstance(outcome, PhysretargetError):
@@ -117,7 +119,7 @@ def validate_command(
             unusable += 1
             continue
         reports.append(outcome.report)
-        pages.append((outcome.path, outcome.text))
+        pages.append(outcome)
     if accept is not None:
         save_baseline(reports, accept)
         say(f"{accept}: {sum(len(r.findings) for r in reports)} findings accepted.")
@@ -244,25 +246,31 @@ def _settings(
     return replace(settings, **given)  # type: ignore[arg-type]
 
 
-def _put(pages: list[tuple[Path, str]], format_: str, out: Path | None, *, folder: bool) -> None:
+def _put(pages: list[_Outcome], format_: str, out: Path | None, *, folder: bool) -> None:
     if out is None:
-        for _, text in pages:
-            typer.echo(text, nl=not text.endswith("\n"))
+        for page in pages:
+            typer.echo(page.text, nl=not page.text.endswith("\n"))
         return
     if not folder:
         out.parent.mkdir(parents=True, exist_ok=True)
-        for _, text in pages:
-            write_file(out, text.encode())
-            say(str(out))
+        for page in pages:
+            write_file(out, page.text.encode())
+            say(f"{out}: {_verdict(page.report)}")
         return
     out.mkdir(parents=True, exist_ok=True)
-    stems = [path.stem for path, _ in pages]
-    for path, text in pages:
+    stems = [page.path.stem for page in pages]
+    for page in pages:
         # walk.csv and walk.npz must not share a page.
+        path = page.path
         name = path.stem if stems.count(path.stem) == 1 else path.name
         target = out / f"{name}.{_SUFFIX.get(format_, format_)}"
-        write_file(target, text.encode())
-        say(str(target))
+        write_file(target, page.text.encode())
+        say(f"{target}: {_verdict(page.report)}")
+
+
+def _verdict(report: Report) -> str:
+    told = "passed" if report.passed else "failed"
+    return f"{told}, {report.errors} errors, {report.warnings} warnings."
 
 
 @command(app, "rules", example="physretarget rules DYN001")
@@ -274,7 +282,7 @@ def rules_command(
         ),
     ] = None,
 ) -> None:
-    """What each rule means, its threshold and source."""
+    """Explain the rules: meaning, threshold, source."""
     if code is None:
         typer.echo(render_rules(RULES))
         return
@@ -288,7 +296,7 @@ def rules_command(
 def inspect_command(
     model: Annotated[Path, typer.Argument(metavar="MODEL.xml")],
 ) -> None:
-    """Audit a character: mass, inertia, meshes, contact geometry, limits."""
+    """Audit a character: mass, inertia, geometry, limits."""
     character = Character.load(model)
     typer.echo(
         f"{character.name}: {character.mass:.3f} kg, {character.height:.3f} m tall, centre of "
@@ -299,5 +307,6 @@ def inspect_command(
     for note in character.notes:
         typer.echo(f"note: {note}")
     for fact in facts:
-        typer.echo(f"{fact.key}: {fact.message}")
-    say(f"{len(facts)} remarks.")
+        where = f"{fact.subject} {fact.name}: " if fact.subject != "model" and fact.name else ""
+        typer.echo(f"{fact.key}: {where}{fact.message}")
+    say(f"{len(facts)} {'remark' if len(facts) == 1 else 'remarks'}.")

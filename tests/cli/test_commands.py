@@ -126,6 +126,24 @@ def test_rules_and_inspect_print_to_stdout(run: Run) -> None:
     assert run("inspect", LAMP[1]).out.startswith("lamp: ")
 
 
+def test_inspect_names_the_part_that_it_speaks_of(run: Run, tmp_path: Path) -> None:
+    model = tmp_path / "arm.xml"
+    model.write_text(
+        "<mujoco><worldbody><body name='forearm'><freejoint/><geom size='0.1'/>"
+        "<body name='hand'><joint name='wrist'/><geom size='0.1'/></body></body></worldbody></mujoco>"
+    )
+    assert "limit_missing: joint wrist: " in run("inspect", str(model)).out
+
+
+def test_the_help_lists_commands_whole_and_the_first_to_try_first(run: Run) -> None:
+    listed = run("--help").out.split("Commands:")[1]
+    assert listed.split()[0] == "demo"
+    assert "..." not in listed
+    groups = [c for c in COMMANDS if c and _is_group(c)]
+    assert groups
+    assert all("..." not in run(*c, "--help").out.split("Commands:")[1] for c in groups)
+
+
 def test_a_folder_takes_a_single_capture_too(run: Run, tmp_path: Path, good: Path) -> None:
     (tmp_path / "clips").mkdir()
     quick = ("--mapper", "nn3", "--until", "mapped")
