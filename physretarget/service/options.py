@@ -54,7 +54,7 @@ class RetargetOptions(_Judged):
     heading: Literal["actor", "momentum"] = "actor"
     tail: Literal["mapped", "passive"] = "mapped"
     unit: Literal["m", "cm", "mm", "inch"] | None = None
-    up: Literal["x", "y", "z"] | None = None
+    up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None
     mass: Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)] | None = None
 
 
@@ -74,7 +74,11 @@ def read_options(kind: str, text: str | None) -> dict[str, Any]:
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(("options", *(str(p) for p in first["loc"])))
-        raise ApiError(422, f"{first['msg']}.", field=_plain(place)) from error
+        message = f"{first['msg']}."
+        if first["type"] == "extra_forbidden" and len(first["loc"]) == 1:
+            names = ", ".join(sorted(made.model_fields))
+            message = f"There is no such option; there are {names}."
+        raise ApiError(422, message, field=_plain(place)) from error
     _check_codes(options)
     return options.model_dump(exclude_unset=True)
 

@@ -127,6 +127,12 @@ def test_options_that_make_no_sense(live: Any, clip: Clip, options: str, place: 
     assert error_of(answer, 422, "invalid")["field"].startswith(place)
 
 
+def test_an_unknown_option_is_answered_with_those_there_are(live: Any, clip: Clip) -> None:
+    error = error_of(live.submit(clip(), data={"options": '{"speed": 3}'}), 422, "invalid")
+    assert "no such option" in error["message"]
+    assert "lowpass" in error["message"]
+
+
 def test_what_does_not_belong_together_is_refused(live: Any, clip: Clip) -> None:
     files = {"clip": ("a.npz", clip())}
     post = lambda **told: live.client.post("/api/v1/jobs", **told)  # noqa: E731
