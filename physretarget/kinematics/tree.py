@@ -16,7 +16,6 @@ from physretarget.kinematics.rotations import (
     quat_conjugate,
     quat_multiply,
     quat_normalized,
-    quat_to_matrix,
     quat_to_rotvec,
     rotvec_to_quat,
 )
@@ -45,12 +44,60 @@ class Joint:
     anchor: Floats
     reference: float = 0.0
 
-    @cached_property
-    def cross(self) -> tuple[Floats, Floats]:
-        """The matrix (3, 3) of the cross product with the axis, and its square."""
-        x, y, z = normalized(self.axis)
-        across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-        return across, across @ across
+
+@dataclass(frozen=True, eq=False)
+class JointTables:
+    """Joints as arrays, so that all of one kind are computed at once.
+
+    ``hinges``, ``slides``, ``quats`` and ``frees`` index the joints that turn about an axis,
+    slide along one, turn by a quaternion (free joints do) and are free. Of all joints: ``body``
+    (nj,), ``last`` (nj,) the last joint of the same body, ``at`` (nj,) the address in qpos,
+    ``reference`` (nj,), ``axis`` and ``anchor`` (nj, 3), ``shifts`` (nj,) whether it moves its
+    body's origin along. For each degree of freedom:
+    ``dof_joint`` (nv,), ``dof_axis`` (nv, 3) in the body's frame and ``dof_turns`` (nv,), 1 if
+    it turns about that axis, 0 if it moves along it.
+    """
+
+    hinges: Ints
+    slides: Ints
+    quats: Ints
+    frees: Ints
+    body: Ints
+    last: Ints
+    at: Ints
+    reference: Floats
+    axis: Floats
+    anchor: Floats
+    shifts: NDArray[np.bool_]
+    dof_joint: Ints
+    dof_axis: Floats
+    dof_turns: Floats
+
+
+def _joint_tables(joints: Sequence[Joint]) -> JointTables:
+    kinds = np.array([joint.kind for joint in joints], dtype="U5")
+    body = np.array([joint.body for joint in joints], dtype=np.int64)
+    axes = {"free": np.tile(np.eye(3), (2, 1)), "ball": np.eye(3)}
+    turns = {"free": [0, 0, 0, 1, 1, 1], "ball": [1, 1, 1], "hinge": [1], "slide": [0]}
+    dof_axis = [axes.get(joint.kind, joint.axis[None]) for joint in joints]
+    return JointTables(
+        hinges=np.flatnonzero(kinds == "hinge"),
+        slides=np.flatnonzero(kinds == "slide"),
+        quats=np.flatnonzero((kinds == "free") | (kinds == "ball")),
+        frees=np.flatnonzero(kinds == "free"),
+        body=body,
+        last=np.searchsorted(body, body, side="right") - 1,
+        at=np.array([joint.qpos for joint in joints], dtype=np.int64),
+        reference=np.array([joint.reference for joint in joints]),
+        axis=np.array([joint.axis for joint in joints]).reshape(-1, 3),
+        anchor=np.array([joint.anchor for joint in joints]).reshape(-1, 3),
+        shifts=np.array(
+            [joint.kind == "slide" or bool(joint.anchor.any()) for joint in joints], dtype=bool
+        ),
+        dof_joint=np.repeat(np.arange(len(joints)), [_DOFS[joint.kind] for joint in joints]),
+        dof_axis=np.concatenate([np.zeros((0, 3)), *dof_axis]),
+        dof_turns=np.concatenate([np.zeros(0), *(turns[joint.kind] for joint in joints)]),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +132,24 @@ class Tree:
     def joints_of(self) -> tuple[tuple[Joint, ...], ...]:
         """The joints of each body, in order."""
         return tuple(tuple(j for j in self.joints if j.body == b) for b in range(self.nb))
+
+    @cached_property
+    def tables(self) -> JointTables:
+        """The joints as arrays."""
+        return _joint_tables(self.joints)
+
+    @cached_property
+    def rounds(self) -> tuple[Ints, ...]:
+        """Indices of the first joints of all bodies, then of the second ones, and so on."""
+        body = self.tables.body
+        place = np.arange(len(body)) - np.searchsorted(body, body)
+        return tuple(np.flatnonzero(place == k) for k in range(place.max(initial=-1) + 1))
+
+    @cached_property
+    def levels(self) -> tuple[Ints, ...]:
+        """Bodies by the number of their ancestors: all of one level are placed at once."""
+        depth = self.carries.sum(axis=0)
+        return tuple(np.flatnonzero(depth == k) for k in range(2, depth.max() + 1))
 
     @cached_property
     def carries(self) -> NDArray[np.bool_]:
@@ -147,31 +212,20 @@ class Pose:
 
 def forward(tree: Tree, qpos: Floats) -> Pose:
     """Place every body of ``tree`` for each row of ``qpos`` (T, nq)."""
-    frames = len(qpos)
-    position = np.zeros((frames, tree.nb, 3))
-    rotation = np.zeros((frames, tree.nb, 3, 3))
-    rotation[:, 0] = np.eye(3)
-    zero = quat_to_matrix(quat_normalized(tree.rotation))
-    for body in range(1, tree.nb):
-        joints, up = tree.joints_of[body], tree.parent[body]
-        if joints and joints[0].kind == "free":
-            start = joints[0].qpos
-            position[:, body] = qpos[:, start : start + 3]
-            rotation[:, body] = quat_to_matrix(quat_normalized(qpos[:, start + 3 : start + 7]))
-            continue
-        place = position[:, up] + rotation[:, up] @ tree.offset[body]
-        turn = rotation[:, up] @ zero[body]
-        for joint in joints:
-            if joint.kind == "slide":
-                shift = qpos[:, joint.qpos, None] - joint.reference
-                place = place + shift * (turn @ joint.axis)
-                continue
-            turned = turn @ _joint_rotation(joint, qpos)
-            if joint.anchor.any():
-                place = place + (turn - turned) @ joint.anchor
-            turn = turned
-        position[:, body], rotation[:, body] = place, turn
-    return Pose(position, rotation)
+    tables, frames = tree.tables, len(qpos)
+    quat = np.repeat(quat_normalized(tree.rotation).T[:, :, None], frames, axis=2)
+    place = np.repeat(tree.offset.T[:, :, None], frames, axis=2)
+    quat[:, 0], place[:, 0] = np.array([[1.0], [0.0], [0.0], [0.0]]), 0.0  # the world
+    after, at = _joint_frames(tree, qpos)
+    last = np.unique(tables.last)
+    quat[:, tables.body[last]], place[:, tables.body[last]] = after[:, last], at[:, last]
+    for bodies in tree.levels:
+        quat[:, bodies] = _products(quat[:, tree.parent[bodies]], quat[:, bodies])
+    rotation = _matrices(quat)
+    position = _turned(rotation[:, :, tree.parent], place)
+    for bodies in tree.levels:
+        position[:, bodies] += position[:, tree.parent[bodies]]
+    return Pose(position.transpose(2, 1, 0), rotation.transpose(3, 2, 0, 1))
 
 
 def points(pose: Pose, body: Ints | Sequence[int], local: Floats) -> Floats:
@@ -189,35 +243,24 @@ def screws(tree: Tree, pose: Pose, qpos: Floats) -> tuple[Floats, Floats, Floats
     linear velocity of that point. A carried point ``p`` moves at
     ``linear + angular × (p - anchor)``.
     """
-    frames = len(qpos)
-    angular = np.zeros((frames, tree.nv, 3))
-    anchor = np.zeros((frames, tree.nv, 3))
-    linear = np.zeros((frames, tree.nv, 3))
-    for body, joints in enumerate(tree.joints_of):
-        place, turn = pose.position[:, body], pose.rotation[:, body]
-        # The pose is the state after all joints of the body: walk back through them.
-        for joint in reversed(joints):
-            dofs = slice(joint.dof, joint.dof + _DOFS[joint.kind])
-            if joint.kind == "slide":
-                along = turn @ joint.axis
-                linear[:, joint.dof] = along
-                place = place - (qpos[:, joint.qpos, None] - joint.reference) * along
-                continue
-            pivot = place + turn @ joint.anchor if joint.anchor.any() else place
-            if joint.kind == "hinge":
-                angular[:, joint.dof] = turn @ joint.axis
-                anchor[:, joint.dof] = pivot
-            else:
-                if joint.kind == "free":
-                    linear[:, dofs.start : dofs.start + 3] = np.eye(3)
-                    dofs = slice(dofs.start + 3, dofs.stop)
-                axes = pose.rotation[:, body]
-                angular[:, dofs] = np.swapaxes(axes, 1, 2)
-                anchor[:, dofs] = pivot[:, None]
-            if joint is not joints[0]:
-                turn = turn @ np.swapaxes(_joint_rotation(joint, qpos), 1, 2)
-                place = pivot - turn @ joint.anchor
-    return angular, anchor, linear
+    tables = tree.tables
+    after, place = _joint_frames(tree, qpos)
+    # A quaternion's rates are about the axes of the body as all of its joints leave it.
+    seen = after.copy()
+    seen[:, tables.quats] = after[:, tables.last[tables.quats]]
+    up = tree.parent[tables.body]
+    carrier = pose.rotation.transpose(2, 3, 1, 0)[:, :, up]
+    pivot = place + _turned(_matrices(after), tables.anchor.T[:, :, None])
+    pivot = pose.position.transpose(2, 1, 0)[:, up] + _turned(carrier, pivot)
+    joint = tables.dof_joint
+    axis = _turned(_matrices(seen)[:, :, joint], tables.dof_axis.T[:, :, None])
+    axis = _turned(carrier[:, :, joint], axis)
+    for i in tables.frees:  # which moves along the axes of the world
+        first = tree.joints[i].dof
+        axis[:, first : first + 3] = np.eye(3)[:, :, None]
+    turns = tables.dof_turns[:, None]
+    angular, anchor, linear = turns * axis, turns * pivot[:, joint], (1.0 - turns) * axis
+    return angular.transpose(2, 1, 0), anchor.transpose(2, 1, 0), linear.transpose(2, 1, 0)
 
 
 def jacobian(
@@ -257,11 +300,89 @@ def difference(tree: Tree, start: Floats, end: Floats) -> Floats:
     return step
 
 
-def _joint_rotation(joint: Joint, qpos: Floats) -> Floats:
-    """Rotation matrices (T, 3, 3) of a ball or hinge joint."""
-    if joint.kind == "ball":
-        return quat_to_matrix(quat_normalized(qpos[:, joint.qpos : joint.qpos + 4]))
-    angle = (qpos[:, joint.qpos] - joint.reference)[:, None, None]
-    across, twice = joint.cross
-    turn: Floats = np.sin(angle) * across + (1.0 - np.cos(angle)) * twice  # Rodrigues
-    return turn + np.eye(3)
+# Below, components come first and frames last, (4, n, T), which NumPy runs through fastest.
+
+
+def _joint_frames(tree: Tree, qpos: Floats) -> tuple[Floats, Floats]:
+    """Where each joint leaves its body, in the parent's frame, before the body's next joint.
+
+    Quaternions (4, nj, T) and positions (3, nj, T).
+    """
+    tables = tree.tables
+    turn, slide = _joint_motions(tree, qpos)
+    after, place = np.empty_like(turn), np.empty_like(slide)
+    for k, joints in enumerate(tree.rounds):
+        if k:
+            before, place[:, joints] = after[:, joints - 1], place[:, joints - 1]
+        else:
+            body = tables.body[joints]
+            before = quat_normalized(tree.rotation[body]).T[:, :, None]
+            place[:, joints] = tree.offset[body].T[:, :, None]
+        after[:, joints] = _products(before, turn[:, joints])
+        some = tables.shifts[joints]
+        if some.any():  # seldom: then the anchor stays where the slide takes it
+            moved = joints[some]
+            anchor = tables.anchor[moved].T[:, :, None]
+            place[:, moved] += _turned(_matrices(before[:, some]), anchor + slide[:, moved])
+            place[:, moved] -= _turned(_matrices(after[:, moved]), anchor)
+    for i in tables.frees:  # says itself where its body is in the world
+        at = tables.at[i]
+        after[:, i], place[:, i] = turn[:, i], qpos[:, at : at + 3].T
+    return after, place
+
+
+def _joint_motions(tree: Tree, qpos: Floats) -> tuple[Floats, Floats]:
+    """What each joint turns, (4, nj, T), and slides, (3, nj, T), by itself."""
+    tables = tree.tables
+    value = (qpos[:, tables.at] - tables.reference).T
+    turn, slide = np.zeros((4, *value.shape)), np.zeros((3, *value.shape))
+    turn[0] = 1.0
+    half, axis = 0.5 * value[tables.hinges], normalized(tables.axis[tables.hinges])
+    turn[0, tables.hinges] = np.cos(half)
+    turn[1:, tables.hinges] = np.sin(half) * axis.T[:, :, None]
+    turn[:, tables.quats] = quat_normalized(qpos[:, tree.quats[0]]).transpose(2, 1, 0)
+    slide[:, tables.slides] = value[tables.slides] * tables.axis[tables.slides].T[:, :, None]
+    return turn, slide
+
+
+def _products(left: Floats, right: Floats) -> Floats:
+    """Hamilton products of quaternions (4, n, T)."""
+    every = (left[:, None] * right).reshape(16, -1)
+    product: Floats = (_PRODUCT @ every).reshape(right.shape)
+    return product
+
+
+def _matrices(quat: Floats) -> Floats:
+    """Rotation matrices (3, 3, n, T) of unit quaternions (4, n, T)."""
+    every = (quat[:, None] * quat).reshape(16, -1)
+    matrix: Floats = (_MATRIX @ every).reshape(3, 3, *quat.shape[1:])
+    return matrix
+
+
+def _turned(matrix: Floats, vector: Floats) -> Floats:
+    """Vectors (3, n, T) turned by matrices (3, 3, n, T)."""
+    turned: Floats = matrix[:, 0] * vector[0] + matrix[:, 1] * vector[1] + matrix[:, 2] * vector[2]
+    return turned
+
+
+def _product_table() -> Floats:
+    """(4, 16): the components of a product from the products of all components."""
+    unit = np.eye(4)
+    return quat_multiply(unit[:, None], unit).reshape(16, 4).T
+
+
+def _matrix_table() -> Floats:
+    """(9, 16): a unit quaternion's matrix from the products of its components.
+
+    A vector v turns into the vector part of ``q v q*``.
+    """
+    unit = np.eye(4)
+    turned = quat_multiply(
+        quat_multiply(unit[:, None, None], unit[1:]), quat_conjugate(unit)[None, :, None]
+    )
+    # turned[i, j, k]: the share of q_i q_j in what becomes of the axis k, a column.
+    return turned[..., 1:].transpose(3, 2, 0, 1).reshape(9, 16)
+
+
+_PRODUCT = _product_table()
+_MATRIX = _matrix_table()
