@@ -23,7 +23,6 @@ from physretarget.service.middleware import Envelope
 from physretarget.service.service import Service
 
 _COUNT_S = 1.0
-_STRANGERS_PER_MINUTE = 60.0
 
 
 def create_app(service: Service) -> FastAPI:
@@ -52,7 +51,8 @@ def create_app(service: Service) -> FastAPI:
     )
     app.state.service = service
     app.state.rates = Rates(service.settings.rate, service.settings.burst)
-    app.state.strangers = Rates(_STRANGERS_PER_MINUTE, int(_STRANGERS_PER_MINUTE))
+    strangers = service.settings.stranger_rate
+    app.state.strangers = Rates(strangers, max(1, int(strangers)))
     app.include_router(routes_system.open_router)
     for module in (routes_jobs, routes_results, routes_library, routes_system):
         app.include_router(module.router)

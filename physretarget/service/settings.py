@@ -16,7 +16,8 @@ class Settings:
 
     ``hosts``: names under which the service may be asked; anything else in the Host header is
     refused, so that no page on the web can reach it by a name that it points here. Empty: any.
-    ``rate`` requests per minute of one token or address, ``burst`` of them at once.
+    ``rate`` requests per minute of one token or address, ``burst`` of them at once;
+    ``stranger_rate`` those of an address without a valid token. 0: any number.
     """
 
     data: Path
@@ -29,6 +30,7 @@ class Settings:
     heartbeat: float = 4.0
     rate: float = 1200.0
     burst: int = 300
+    stranger_rate: float = 60.0
     streams: int = 64
     stream_heartbeat: float = 10.0
     upload_idle: float = 30.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -37,11 +38,16 @@ def check(live: Any, tmp_path: Path, token: str, *more: str) -> None:
 @pytest.fixture(scope="module")
 def guarded(start: Callable[..., Any], clip: Callable[..., bytes]) -> tuple[Any, str]:
     """A service with a token, some jobs and little patience, and the token."""
-    live = start(limits={"upload_bytes": 2_000_000})
+    live = start(limits={"upload_bytes": 2_000_000}, stranger_rate=0)
     for slide in (0.0, 0.3):
         live.wait(live.submit(clip(slide)).json()["id"])
     token = make_token()
     live.service.registry.add_token("fuzzer", "admin", hashed(token))
+    # The server looks at the table every other second.
+    until = time.monotonic() + 30
+    while live.client.get("/api/v1/jobs").status_code != 401:
+        assert time.monotonic() < until
+        time.sleep(0.1)
     return live, token
 
 
