@@ -58,7 +58,7 @@ def fit_joints(recording: JointRecording, *, mass: float | None = None) -> Actor
     notes += floor_note
     if mass is None:
         mass = _mass(size)
-        notes.append(f"mass not told: taken as {mass:.0f} kg from a stature of {size:.2f} m")
+        notes.append(f"mass not given: taken as {mass:.0f} kg from a stature of {size:.2f} m")
     turn = _all_turns(calibrated)
     shape = _shape(measured, calibrated, turn, size, floor, mass, recording.source.name)
     root = measured.centre["pelvis"] - np.array([0.0, 0.0, floor])

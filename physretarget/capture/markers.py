@@ -282,9 +282,11 @@ def _short_gaps_filled(position: Floats, longest: float, notes: list[str]) -> Fl
                 filled[a:b, k] = curve(np.arange(a, b))
             count += len(short)
     if count:
-        notes.append(f"{count} short marker gaps were interpolated")
+        gaps = "1 short marker gap was" if count == 1 else f"{count} short marker gaps were"
+        notes.append(f"{gaps} interpolated")
     if long:
-        notes.append(f"{long} long marker gaps were left open: the other markers carry the pose")
+        gaps = "1 long marker gap was" if long == 1 else f"{long} long marker gaps were"
+        notes.append(f"{gaps} left open: the other markers carry the pose")
     return filled
 
 
@@ -464,6 +466,6 @@ def _named(
     kilograms = reference.mass * (shape.height / reference.height) ** 2 if mass is None else mass
     if mass is None:
         notes.append(
-            f"mass not told: taken as {kilograms:.0f} kg from a height of {shape.height:.2f} m"
+            f"mass not given: taken as {kilograms:.0f} kg from a height of {shape.height:.2f} m"
         )
     return ActorShape(recording.source.name, kilograms, shape.offset, shape.tip, shape.heel)

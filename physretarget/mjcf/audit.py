@@ -354,9 +354,10 @@ def _gains(character: Character) -> Iterator[AuditFact]:
         name, unit = character.joint_names[joint], "N/m" if sliding[i] else "N m/rad"
         limit, brake = SPRING_HOLDS * float(loads[i]), DAMPER_BRAKES * float(scale[i])
         if stiff[i]:
+            load = f"{loads[i]:.3g} {'N' if sliding[i] else 'N m'}"
             why = (
-                f"stiffness {springs[i]:.3g} {unit} with damping {damping[i]:.3g} on a limb that "
-                f"weighs {loads[i]:.3g} on it: the gains of a controller"
+                f"stiffness {springs[i]:.3g} {unit} with damping {damping[i]:.3g} where the limb's "
+                f"weight asks for {load}: the gains of a controller"
             )
             yield AuditFact("pd_gains", "joint", name, float(springs[i]), limit, unit, why)
         elif damping[i] > brake:

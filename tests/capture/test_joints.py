@@ -201,7 +201,7 @@ def test_mass_is_told_or_follows_from_stature() -> None:
     assert fit_joints(motion, mass=50.0).shape.mass == 50.0
     guessed = fit_joints(motion)
     np.testing.assert_allclose(guessed.shape.mass, 70 * (1.6 / 1.75) ** 2, rtol=0.03)
-    assert any("mass not told" in note for note in guessed.notes)
+    assert any("mass not given" in note for note in guessed.notes)
 
 
 def test_one_frame_is_a_pose() -> None:

@@ -132,8 +132,8 @@ def test_short_gaps_are_filled_and_long_ones_leave_the_others_to_carry():
     position[100:160, CMU.index("RTHI")] = np.nan
     motion = fit_markers(replace(RECORDING, position=position))
     assert motion.valid.all()
-    assert any("1 short marker gaps" in note for note in motion.notes)
-    assert any("1 long marker gaps" in note for note in motion.notes)
+    assert any("1 short marker gap was" in note for note in motion.notes)
+    assert any("1 long marker gap was" in note for note in motion.notes)
     assert joint_error(motion).max() < 0.04
 
 
@@ -225,7 +225,7 @@ def test_two_subjects_in_one_file_are_told_apart():
 def test_mass_told_and_defaulted():
     assert fit_markers(RECORDING, mass=81.0).shape.mass == 81.0
     assert FITTED.shape.mass == pytest.approx(70 * (FITTED.shape.height / 1.75) ** 2)
-    assert any("mass not told" in note for note in FITTED.notes)
+    assert any("mass not given" in note for note in FITTED.notes)
 
 
 def test_unknown_labels_are_named():
