@@ -130,7 +130,8 @@ def test_inspect_names_the_part_that_it_speaks_of(run: Run, tmp_path: Path) -> N
     model = tmp_path / "arm.xml"
     model.write_text(
         "<mujoco><worldbody><body name='forearm'><freejoint/><geom size='0.1'/>"
-        "<body name='hand'><joint name='wrist'/><geom size='0.1'/></body></body></worldbody></mujoco>"
+        "<body name='hand'><joint name='wrist'/><geom size='0.1'/></body></body>"
+        "</worldbody></mujoco>"
     )
     assert "limit_missing: joint wrist: " in run("inspect", str(model)).out
 
