@@ -178,6 +178,8 @@ def retarget_command(
             failed += 1
             continue
         _tell(result, target)
+        if report:
+            say(f"{folder / 'report.html'}: the report.")
     if failed:
         raise typer.Exit(2)
 

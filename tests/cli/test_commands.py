@@ -126,6 +126,15 @@ def test_rules_and_inspect_print_to_stdout(run: Run) -> None:
     assert run("inspect", LAMP[1]).out.startswith("lamp: ")
 
 
+def test_retarget_says_where_the_report_is(run: Run, tmp_path: Path, good: Path) -> None:
+    got = run(
+        "retarget", good, *LAMP, "--out", tmp_path / "c.npz", "--report", tmp_path / "r",
+    )  # fmt: skip
+    assert got.code == 0
+    assert "report.html: the report." in got.err.replace("\n", " ")
+    assert (tmp_path / "r" / "report.html").is_file()
+
+
 def test_inspect_names_the_part_that_it_speaks_of(run: Run, tmp_path: Path) -> None:
     model = tmp_path / "arm.xml"
     model.write_text(
