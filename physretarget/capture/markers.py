@@ -282,11 +282,11 @@ def _short_gaps_filled(position: Floats, longest: float, notes: list[str]) -> Fl
                 filled[a:b, k] = curve(np.arange(a, b))
             count += len(short)
     if count:
-        gaps = "1 short marker gap was" if count == 1 else f"{count} short marker gaps were"
-        notes.append(f"{gaps} interpolated")
+        many = "1 short marker gap was" if count == 1 else f"{count} short marker gaps were"
+        notes.append(f"{many} interpolated")
     if long:
-        gaps = "1 long marker gap was" if long == 1 else f"{long} long marker gaps were"
-        notes.append(f"{gaps} left open: the other markers carry the pose")
+        many = "1 long marker gap was" if long == 1 else f"{long} long marker gaps were"
+        notes.append(f"{many} left open: the other markers carry the pose")
     return filled
 
 

@@ -113,7 +113,7 @@ def circumstances(code: str, frame: int, body: str | None, clip: Performance) ->
 
 def phase_at(clip: Performance, frame: int) -> str:
     """Who stands, and how near the next change is."""
-    stands = clip.planted.any(axis=1)
+    stands = np.asarray(clip.planted.any(axis=1))
     first, last = _run(stands == stands[frame], frame)
     length = float(clip.time[last] - clip.time[first])
     before, after = clip.time[frame] - clip.time[first], clip.time[last] - clip.time[frame]

@@ -93,7 +93,7 @@ class Planter:
         told, floor = self.settings, self.character.floor_height
         active = (self.tied >= 0) & touch.active[self.tied]
         if known is not None:
-            active = np.isfinite(known).all(axis=1)
+            active = np.asarray(np.isfinite(known).all(axis=1))
         # What sinks while its body stands stands too, until the motion lifts it.
         sunk = (self.reached[:, 2] < floor - SUNK) | self.sunk
         self.sunk = sunk & self._with(active) & (place[:, 2] < floor + LIFTED)
@@ -136,9 +136,9 @@ class Planter:
         """(n,) which of the standing points take a new place now; the whole sole goes along."""
         if known is not None:
             away = np.linalg.norm(np.nan_to_num(known - self.target), axis=1)
-            return standing & (away > MOVED)
+            return np.asarray(standing & (away > MOVED))
         away = np.linalg.norm((self.target - place)[:, :2], axis=1)
-        far = standing & (away > self.settings.reach * self.character.height)
+        far = np.asarray(standing & (away > self.settings.reach * self.character.height))
         if far.any():
             far |= standing & self._with(far)
             self.target[far] = place[far]
