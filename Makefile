@@ -7,15 +7,23 @@ export OPENBLAS_NUM_THREADS ?= 1
 
 .PHONY: demo test lint install bench docs clean
 
-$(VENV)/.installed: pyproject.toml constraints.txt
-	@echo "Installing into $(VENV), some 2 GB; this takes a few minutes the first time."
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
+
+# What the demo needs, and what the tests need besides: the demo starts sooner without the latter.
+$(VENV)/.demo: pyproject.toml constraints.txt
+	@echo "Installing into $(VENV), some 1 GB; this takes a minute or more the first time."
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[demo,video,test]'
+	$(PIP) -e '.[demo,video]'
+	touch $@
+
+$(VENV)/.installed: $(VENV)/.demo
+	@echo "Installing what the tests need, another 1 GB."
+	$(PIP) -e '.[demo,video,test]'
 	touch $@
 
 install: $(VENV)/.installed
 
-demo: install
+demo: $(VENV)/.demo
 	$(BIN)/physretarget demo --out out/demo
 
 lint: install
