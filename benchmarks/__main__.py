@@ -59,13 +59,13 @@ def printed(name: str, arguments: Sequence[str]) -> str:
 
 
 def page(other: str | None) -> str:
+    load = os.getloadavg()[0]
     rows = pipeline.run(other)
     parts = [
         "# Performance",
         "",
         f"Made by `python -m benchmarks` on {datetime.date.today():%Y-%m-%d}: {machine()}. One "
-        "thread; processor time, best of a few runs. Other work shared the machine, so ratios "
-        "say more than seconds.",
+        f"thread; processor time, best of a few runs; load average at the start {load:.1f}.",
         "",
         markdown(rows),
     ]
