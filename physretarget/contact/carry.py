@@ -17,6 +17,8 @@ Ints = NDArray[np.int64]
 
 UPRIGHT = 0.95
 """A hinge is a swivel if the cosine between its axis and the vertical exceeds this."""
+SOFT = 1e-4
+"""Damping at first: it must be small against the markers' weight of 1, not that of the contacts."""
 
 
 def carried(
@@ -194,5 +196,6 @@ def followed(
         upper=character.upper,
         prior_weight=prior,
         iterations=iterations,
+        damping=SOFT,
         tolerance=1e-4,
     ).qpos

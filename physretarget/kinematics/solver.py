@@ -225,9 +225,10 @@ def _step(problem: _Problem, qpos: Floats, pose: Pose, error: Floats, strength: 
     floor = 1e-3 * diagonal.max(axis=1, keepdims=True) + 1e-12
     diagonal += strength[:, None] * (diagonal + floor)
     fixed = _against_bounds(problem, qpos, gradient) | ~problem.free
-    keep = ~fixed
-    matrix *= keep[:, :, None] & keep[:, None, :]
-    np.einsum("tii->ti", matrix)[fixed] = 1.0
+    frame, dof = np.nonzero(fixed)
+    matrix[frame, dof, :] = 0.0
+    matrix[frame, :, dof] = 0.0
+    matrix[frame, dof, dof] = 1.0
     step = np.linalg.solve(matrix, np.where(fixed, 0.0, -gradient)[..., None])
     return np.asarray(step[..., 0], dtype=np.float64)
 
@@ -268,8 +269,8 @@ def normal_equations(
     packed[..., 4:10] = first[..., (0, 0, 0, 1, 1, 2)] * at[..., (0, 1, 2, 1, 2, 2)]
     packed[..., 10:13] = pull
     packed[..., 13:16] = _cross(at, pull)
-    carried = tree.carries[np.ix_(tree.dof_body, problem.body)].astype(np.float64)
-    total = np.matmul(carried, packed)  # (T, nv, 16)
+    carried = tree.carries[:, problem.body].astype(np.float64)
+    total = np.matmul(carried, packed)[:, tree.dof_body]  # (T, nv, 16)
     angular, anchor, linear = screws(tree, pose, qpos)
     linear = linear + _cross(anchor - centre, angular)  # velocity at the centre
     mass, moment = total[..., :1], total[..., 1:4]
@@ -285,9 +286,10 @@ def normal_equations(
     # the same points, so both triangles agree there; the rest is filled by symmetry.
     matrix = np.matmul(screw, np.swapaxes(wrench, 1, 2))
     above = tree.carries[np.ix_(tree.dof_body, tree.dof_body)]
-    upper = matrix * above
-    mirrored = np.swapaxes(upper, 1, 2) * ~above
-    return upper + mirrored, gradient
+    matrix *= above.astype(np.float64)
+    row, column = np.nonzero(~above)
+    matrix[:, row, column] = matrix[:, column, row]
+    return matrix, gradient
 
 
 def _cross(a: Floats, b: Floats) -> Floats:
