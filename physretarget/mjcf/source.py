@@ -14,6 +14,7 @@ from pathlib import Path
 from xml.parsers import expat
 
 from physretarget.errors import InputError, UnsafeInputError
+from physretarget.sandbox.bounds import SIZES
 
 __all__ = ["Element", "Source", "read_source", "source_of_text"]
 
@@ -27,20 +28,6 @@ MAX_INCLUDES = 64
 _REFUSED_ELEMENTS = frozenset(
     {"plugin", "extension", "replicate", "composite", "flexcomp", "lengthrange", "attach", "model"}
 )
-# Whole numbers that decide how much memory is taken, with the most that a model may ask for.
-_BOUNDED = {
-    ("size", "memory"): 512 * 2**20,
-    ("size", "nstack"): 64 * 2**20,
-    ("size", "njmax"): 50_000,
-    ("size", "nconmax"): 50_000,
-    ("size", "nuserdata"): 1_000_000,
-    ("size", "nkey"): 10_000,
-    ("numeric", "size"): 100_000,
-    ("texture", "width"): 8192,
-    ("texture", "height"): 8192 * 6,
-    ("hfield", "nrow"): 4096,
-    ("hfield", "ncol"): 4096,
-}
 _BOUNDED_ANYWHERE = {"nsample": 10_000, "num": 10_000}
 _BOUNDED_PREFIX = {"nuser_": 10_000}
 _UNITS = {"K": 2**10, "M": 2**20, "G": 2**30, "T": 2**40, "P": 2**50, "E": 2**60}
@@ -290,7 +277,7 @@ def _bound(tag: str, name: str) -> int | None:
     for prefix, bound in _BOUNDED_PREFIX.items():
         if name.startswith(prefix):
             return bound
-    return _BOUNDED.get((tag, name), _BOUNDED_ANYWHERE.get(name))
+    return SIZES.get((tag, name), _BOUNDED_ANYWHERE.get(name))
 
 
 def _whole(value: str) -> float:

@@ -13,8 +13,8 @@ from collections.abc import Mapping
 
 from physretarget.sandbox.limits import MIB, Limits
 
-# (element or "" for any, attribute): the most that each of its numbers may be.
-_MOST: dict[tuple[str, str], float] = {
+# Whole numbers that decide how much memory any model takes, whoever loads it.
+SIZES: dict[tuple[str, str], int] = {
     ("size", "memory"): 512 * MIB,
     ("size", "nstack"): 64 * MIB,
     ("size", "njmax"): 50_000,
@@ -24,9 +24,13 @@ _MOST: dict[tuple[str, str], float] = {
     ("numeric", "size"): 100_000,
     ("texture", "width"): 8192,
     ("texture", "height"): 8192 * 6,
-    ("texture", "gridsize"): 12,
     ("hfield", "nrow"): 4096,
     ("hfield", "ncol"): 4096,
+}
+# (element or "" for any, attribute): the most that each of its numbers may be.
+_MOST: dict[tuple[str, str], float] = {
+    **SIZES,
+    ("texture", "gridsize"): 12,
     ("mesh", "params"): 1000,
     ("mesh", "maxhullvert"): 100_000,
     ("camera", "resolution"): 8192,
