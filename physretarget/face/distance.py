@@ -40,12 +40,6 @@ def _correlate(p: Array, q: Array) -> Array:
     return np.asarray(fftconvolve(p, q[::-1], mode="valid"), dtype=np.float64)
 
 
-def relative_error(distance: Array, samples: int, channel_range: float) -> Array:
-    """Root mean square error as a fraction of the channel's range: what is held against tau."""
-    relative: Array = np.sqrt(distance / samples) / channel_range
-    return relative
-
-
 def windows(capture: NDArray[np.float32], n: int) -> NDArray[np.float32]:
     """(M - n + 1, n) view of every window."""
     view: NDArray[np.float32] = sliding_window_view(capture, n)

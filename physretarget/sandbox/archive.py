@@ -71,12 +71,6 @@ def unpack(archive: Path, into: Path, limits: Limits) -> tuple[Path, ...]:
         raise InputError(f"cannot be unpacked: {error.strerror or error}.", path=archive) from error
 
 
-def is_zip(file: Path) -> bool:
-    """Whether a file begins as a zip does."""
-    with file.open("rb") as stream:
-        return stream.read(4) in (_LOCAL, _END)
-
-
 # ---- what the archive claims ---------------------------------------------------------------------
 
 
