@@ -19,8 +19,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
+from physretarget.capture.directions import frame, in_frames, mean_direction, mean_rotation, swing
 from physretarget.capture.measure import Measured, unit
 from physretarget.capture.recording import Floats
 
@@ -41,55 +41,6 @@ class Calibrated:
     turn: dict[str, Floats]
     stance: dict[str, NDArray[np.bool_]]  # "left", "right": frames in which that foot stands
     notes: tuple[str, ...]
-
-
-def mean_direction(vectors: Floats, weight: Floats | None = None) -> Floats:
-    """Mean unit vector of (T, 3), trimmed once: vectors beyond twice the median angle go."""
-    weight = np.ones(len(vectors)) if weight is None else weight
-    mean = unit(weight @ vectors)
-    angle = np.arccos(np.clip(unit(vectors) @ mean, -1, 1))
-    used = weight > 0
-    if used.any():
-        keep = angle <= 2 * np.median(angle[used]) + 1e-9
-        mean = unit((weight * keep) @ vectors)
-    return mean
-
-
-def mean_rotation(rotations: Floats) -> Floats:
-    """The chordal mean of rotations (T, 3, 3), trimmed once at twice the median angle."""
-    mean = _nearest_rotation(rotations.mean(axis=0))
-    cosine = (np.einsum("tij,ij->t", rotations, mean) - 1) / 2
-    angle = np.arccos(np.clip(cosine, -1, 1))
-    return _nearest_rotation(rotations[angle <= 2 * np.median(angle) + 1e-9].mean(axis=0))
-
-
-def _nearest_rotation(matrix: Floats) -> Floats:
-    u, _, vt = np.linalg.svd(matrix)
-    flip = np.diag([1.0, 1.0, float(np.sign(np.linalg.det(u @ vt)))])
-    return np.asarray(u @ flip @ vt)
-
-
-def swing(start: Floats, end: Floats) -> Floats:
-    """The smallest rotations (T, 3, 3) that take unit vectors ``start`` to ``end`` (T, 3)."""
-    axis = np.cross(start, end)
-    sine = np.linalg.norm(axis, axis=-1)
-    angle = np.arctan2(sine, np.sum(start * end, axis=-1))
-    other = np.cross(start, np.eye(3)[np.argmin(np.abs(start), axis=-1)])  # for half turns
-    axis = np.where((sine > 1e-9)[:, None], axis, other)
-    turned: Floats = Rotation.from_rotvec(unit(axis) * angle[:, None]).as_matrix()
-    return turned
-
-
-def frame(left: Floats, up: Floats) -> Floats:
-    """Columns forward, left, up; ``up`` is kept, ``left`` made orthogonal to it."""
-    up = unit(up)
-    left = unit(left - (left @ up) * up)
-    return np.column_stack([np.cross(left, up), left, up])
-
-
-def _local(turn: Floats, world: Floats) -> Floats:
-    """World vectors (T, 3) in the frames (T, 3, 3)."""
-    return np.asarray(np.einsum("tji,tj->ti", turn, world))
 
 
 def standing_rest(measured: Measured) -> Floats | None:
@@ -154,7 +105,7 @@ def _trunk(measured: Measured, rest: Floats | None) -> dict[str, Floats]:
             turn[segment] = joint @ _between(measured, turn, joint)
         else:
             across = hips if segment == "pelvis" else _shoulders(measured, hips)
-            left = mean_direction(_local(joint, unit(across)))
+            left = mean_direction(in_frames(joint, unit(across)))
             turn[segment] = joint @ frame(left, _link(measured, segment, top, left))
     if "abdomen" in turn and "chest" in measured.centre:
         turn["abdomen"] = _aim(measured, turn["abdomen"], "abdomen", "chest")
@@ -174,9 +125,9 @@ def _link(measured: Measured, segment: str, top: str | None, left: Floats) -> Fl
     """Up in the segment's joint frame: along the trunk's links as they are at rest."""
     if top is None or top == segment:
         world = np.tile(_UP, (len(measured.turn[segment]), 1))
-        return mean_direction(_local(measured.turn[segment], world))
+        return mean_direction(in_frames(measured.turn[segment], world))
     way = measured.centre[top] - measured.centre[segment]
-    mean = mean_direction(_local(measured.turn[segment], unit(way)))
+    mean = mean_direction(in_frames(measured.turn[segment], unit(way)))
     straight = unit(measured.rest[top] - measured.rest[segment])
     if abs(straight @ left) < np.sin(np.radians(20)) and straight @ mean > np.cos(np.radians(40)):
         return straight
@@ -187,16 +138,16 @@ def _between(measured: Measured, turn: dict[str, Floats], joint: Floats) -> Floa
     """The abdomen's axes in its joint frame: on average halfway between pelvis and chest."""
     up = unit(measured.rest.get("chest", measured.rest["pelvis"]) - measured.rest["abdomen"])
     left = turn["pelvis"][:, :, 1] + (turn["chest"][:, :, 1] if "chest" in turn else 0.0)
-    local = mean_direction(_local(joint, unit(left)))
+    local = mean_direction(in_frames(joint, unit(left)))
     if "chest" not in measured.rest:
-        return frame(local, mean_direction(_local(joint, turn["pelvis"][:, :, 2])))
+        return frame(local, mean_direction(in_frames(joint, turn["pelvis"][:, :, 2])))
     return frame(local, up)
 
 
 def _aim(measured: Measured, turn: Floats, segment: str, following: str) -> Floats:
     """Swing a segment so that it points to its next joint in every frame."""
     way = unit(measured.centre[following] - measured.centre[segment])
-    local = mean_direction(_local(turn, way))
+    local = mean_direction(in_frames(turn, way))
     return np.asarray(swing(turn @ local, way) @ turn)
 
 
@@ -206,8 +157,8 @@ def _head(measured: Measured, turn: dict[str, Floats], rest: Floats | None) -> F
         return rest
     joint = measured.turn["head"]
     body = turn.get("chest", turn.get("abdomen", turn["pelvis"]))
-    up = mean_direction(_local(joint, body[:, :, 2]))
-    forward = mean_direction(_local(joint, body[:, :, 0]))
+    up = mean_direction(in_frames(joint, body[:, :, 2]))
+    forward = mean_direction(in_frames(joint, body[:, :, 0]))
     if _built_along_axes(measured):
         # Such frames follow the anatomy: a head held aside through a clip stays aside.
         up, forward = _snap(up), _snap(forward)
@@ -254,7 +205,7 @@ def _zero_twist(parent: Floats, joint: Floats, way: Floats) -> Floats:
     left = np.einsum("tij,tj->ti", swing(start, way), parent @ _LEFT)
     # Near a half turn the smallest rotation is anybody's guess: those frames don't count.
     weight = np.clip((1 + np.sum(start * way, axis=1)) / 2, 1e-6, None) ** 2
-    return mean_direction(_local(joint, left), weight)
+    return mean_direction(in_frames(joint, left), weight)
 
 
 def hinge(measured: Measured, segments: tuple[str, str, str]) -> tuple[Floats, Floats]:
@@ -274,7 +225,7 @@ def _hinge_left(
     weight = np.where(angle > _BENT, np.sin(angle), 0.0)
     if np.count_nonzero(weight) < max(5, 0.1 * len(weight)):
         return None
-    local = sign * _local(joint, axis)
+    local = sign * in_frames(joint, axis)
     if np.linalg.norm(weight @ local) < 0.85 * weight.sum():
         return None
     return mean_direction(local, weight)
@@ -291,7 +242,7 @@ def _bone(measured: Measured, segment: str, following: str, left: Floats) -> Flo
     """World rotations of a limb segment: down exactly along the bone, left as told."""
     joint = measured.turn[segment]
     way = unit(measured.centre[following] - measured.centre[segment])
-    local = mean_direction(_local(joint, way))
+    local = mean_direction(in_frames(joint, way))
     turn = joint @ frame(left, -local)
     return np.asarray(swing(turn @ _DOWN, way) @ turn)
 
@@ -391,13 +342,13 @@ def _foot(
         if rest is not None:
             return rest
         return mean_rotation(np.swapaxes(joint, 1, 2) @ shank)
-    toe = mean_direction(_local(joint, unit(measured.end[foot] - measured.centre[foot])))
+    toe = mean_direction(in_frames(joint, unit(measured.end[foot] - measured.centre[foot])))
     up = _level(joint, stance, measured.fps)
     if up is None or abs(up @ toe) > 0.85:
         if rest is not None:
             up = rest[:, 2]
         else:
-            side_axis = mean_direction(_local(joint, shank[:, :, 1]))
+            side_axis = mean_direction(in_frames(joint, shank[:, :, 1]))
             across = unit(side_axis - (side_axis @ toe) * toe)
             up = np.cross(toe, across)
             below = _below_ankle(measured, foot, stance)

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from physretarget.capture import load
 from physretarget.capture.actor import PARENTS, SEGMENT, SEGMENTS, ActorMotion, ActorShape
-from physretarget.capture.calibration import swing
+from physretarget.capture.directions import swing
 from physretarget.capture.joints import fit_joints
 from physretarget.capture.recording import JointRecording, Source
 from physretarget.errors import InputError
