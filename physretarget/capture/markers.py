@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
-from scipy.ndimage import maximum_filter1d
 
 from physretarget.capture.actor import (
-    CONTACT_POINTS,
     SEGMENT,
     SEGMENTS,
     ActorMotion,
     ActorShape,
 )
-from physretarget.capture.gaps import runs
+from physretarget.capture.marker_feet import on_floor, with_feet
 from physretarget.capture.marker_fit import estimate_height, fit_model, resized
+from physretarget.capture.marker_gaps import leaps_blanked, short_gaps_filled
 from physretarget.capture.marker_model import (
     Bools,
     Floats,
@@ -37,13 +34,10 @@ from physretarget.capture.marker_sets import (
 )
 from physretarget.capture.recording import MarkerRecording
 from physretarget.errors import InputError
-from physretarget.kinematics import continuous, forward, points, slerp
+from physretarget.kinematics import continuous, slerp
 
 _LEAST_ERROR = 0.012  # m; smaller errors are never suspicious
 _ROBUST_ROUNDS = 3
-_LEAP = 5.0  # m/s
-_AROUND_LEAP = 0.05  # s
-_AWAY = 0.5  # s; a second leap within this time is the way back
 _LIMBS = {
     "trunk": ("pelvis", "chest"),
     **{
@@ -92,8 +86,8 @@ def fit_markers(
     fps = recording.source.fps
     notes = list(recording.notes)
     model, columns = _worn(recording, told, notes)
-    position = _steps_blanked(recording.position[:, columns], fps, notes)
-    position = _short_gaps_filled(position, told.longest_gap * fps, notes)
+    position = leaps_blanked(recording.position[:, columns], fps, notes)
+    position = short_gaps_filled(position, told.longest_gap * fps, notes)
     valid = _supported(model, position)
     if not valid.any():
         raise InputError("no frame shows enough markers for a pose", path=recording.source.path)
@@ -103,7 +97,7 @@ def fit_markers(
     model = fit_model(expected, position[chosen])
     qpos, residual = _all_poses(model, position, valid, fps, told, notes)
     qpos = _bridged(qpos, valid)
-    shape, qpos = _on_floor(_with_feet(model, expected.local[:, 0]), qpos, valid, fps, notes)
+    shape, qpos = on_floor(with_feet(model, expected.local[:, 0]), qpos, valid, fps, notes)
     shape = _named(shape, recording, mass, notes)
     if not valid.all():
         notes.append(
@@ -235,61 +229,6 @@ def _one_subject(
     )
 
 
-def _steps_blanked(position: Floats, fps: float, notes: list[str]) -> Floats:
-    """Markers without the moments around a leap that no body makes.
-
-    Labelling software swaps markers or fills gaps badly: then one step is faster, by more
-    than 5 m/s, than the marker is two frames before and after.
-    """
-    if len(position) < 6:
-        return position
-    speed = np.linalg.norm(np.diff(position, axis=0), axis=-1) * fps
-    around = np.fmax(np.nan_to_num(speed[:-4]), np.nan_to_num(speed[4:]))
-    leap = np.zeros(position.shape[:2], dtype=bool)
-    leap[2:-3] = np.nan_to_num(speed[2:-2]) > around + _LEAP
-    if not leap.any():
-        return position
-    leapt = (int(leap.any(axis=0).sum()), int(leap.any(axis=1).sum()))
-    for k in np.flatnonzero(leap.any(axis=0)):
-        frames = np.flatnonzero(leap[:, k])
-        for there, back in pairwise(frames):
-            if back - there <= _AWAY * fps:
-                leap[there:back, k] = True
-    wide = max(1, round(_AROUND_LEAP * fps))
-    doubtful = maximum_filter1d(leap, size=2 * wide + 1, axis=0)
-    notes.append(
-        f"{leapt[0]} markers leap in {leapt[1]} frames: {1000 * _AROUND_LEAP:.0f} ms on either "
-        "side, and what lies between there and back, were taken for gaps"
-    )
-    return np.where(doubtful[..., None], np.nan, position)
-
-
-def _short_gaps_filled(position: Floats, longest: float, notes: list[str]) -> Floats:
-    """Gaps of at most ``longest`` frames between visible ones, interpolated without overshoot."""
-    filled = position.copy()
-    count, long = 0, 0
-    for k in range(position.shape[1]):
-        seen = np.asarray(np.isfinite(position[:, k]).all(axis=-1))
-        if seen.all():
-            continue
-        gaps = runs(~seen)
-        short = [(a, b) for a, b in gaps if b - a <= longest and a > 0 and b < len(seen)]
-        long += len(gaps) - len(short)
-        if short and seen.sum() >= 2:
-            frames = np.flatnonzero(seen)
-            curve = PchipInterpolator(frames, position[frames, k])
-            for a, b in short:
-                filled[a:b, k] = curve(np.arange(a, b))
-            count += len(short)
-    if count:
-        many = "1 short marker gap was" if count == 1 else f"{count} short marker gaps were"
-        notes.append(f"{many} interpolated")
-    if long:
-        many = "1 long marker gap was" if long == 1 else f"{long} long marker gaps were"
-        notes.append(f"{many} left open: the other markers carry the pose")
-    return filled
-
-
 def _supported(model: MarkerModel, position: Floats) -> Bools:
     """(T,) frames that show three markers of the trunk and two of every marked limb."""
     seen = np.asarray(np.isfinite(position).all(axis=-1))
@@ -379,84 +318,6 @@ def _bridged(qpos: Floats, valid: Bools) -> Floats:
         qpos = np.where(valid[:, None], qpos, between)
     turns = continuous(qpos[:, 3:].reshape(len(qpos), 18, 4))
     return np.concatenate([qpos[:, :3], turns.reshape(len(qpos), 72)], axis=1)
-
-
-def _on_floor(
-    shape: ActorShape, qpos: Floats, valid: Bools, fps: float, notes: list[str]
-) -> tuple[ActorShape, Floats]:
-    """Give the feet soles that meet the capture's floor, and put that floor at z = 0."""
-    tree = shape.tree()
-    segment, local = shape.contact_points()
-    feet = [CONTACT_POINTS.index(f"{s}_{p}") for s in ("left", "right") for p in ("heel", "toe")]
-    at = points(forward(tree, qpos), segment[feet] + 1, local[feet])
-    still = _still_heights(at, valid, fps)
-    everything = np.concatenate(still)
-    lowest = float(np.percentile(at[valid][..., 2].min(axis=1), 2))
-    if len(everything) >= 5:
-        low = np.percentile(everything, 5)
-        floor = float(np.median(everything[everything < low + 0.04]))
-        # Feet on the way down to a floor below (stairs) do not rest, but they do get there.
-        floor = min(floor, lowest + 0.03)
-    else:
-        floor = lowest
-    tip, heel = shape.tip.copy(), shape.heel.copy()
-    flat = _heel_over_toe(at, valid, fps)
-    for i, heights in enumerate(still):
-        on = heights[np.abs(heights - floor) < 0.06]
-        side, is_toe = divmod(i, 2)
-        if len(on) >= 5:
-            down = float(np.clip(np.median(on) - floor, -0.05, 0.05))
-        elif (tilt := flat[side]) is not None:  # it stands elsewhere, on stairs: level at least
-            down = float(np.clip(-tilt if is_toe else tilt, 0.0, 0.05))
-        else:
-            continue
-        foot = SEGMENT[("left_foot", "right_foot")[side]]
-        if is_toe:
-            tip[foot, 2] -= down
-        else:
-            heel[side, 2] -= down
-    shape = ActorShape.standing(shape.name, shape.mass, shape.offset, tip, heel)
-    moved = qpos.copy()
-    moved[:, 2] -= floor
-    if abs(floor) > 0.01:
-        notes.append(f"the floor was found at {floor:+.3f} m and moved to z = 0")
-    return shape, moved
-
-
-def _with_feet(model: MarkerModel, expected_x: Floats) -> ActorShape:
-    """The shape with feet as long as their markers say: heel and ball follow heel and toes."""
-    shape = model.shape
-    tip, heel = shape.tip.copy(), shape.heel.copy()
-    for side, name in enumerate(("left_foot", "right_foot")):
-        foot, on = SEGMENT[name], model.segment == SEGMENT[name]
-        if on.sum() < 2:
-            continue
-        expected, fitted = np.ptp(expected_x[on]), np.ptp(model.local[on, 0])
-        if expected > 0.08:
-            ratio = float(np.clip(fitted / expected, 0.8, 1.25))
-            tip[foot, 0], heel[side, 0] = ratio * tip[foot, 0], ratio * heel[side, 0]
-    return ActorShape.standing(shape.name, shape.mass, shape.offset, tip, heel)
-
-
-def _still_heights(at: Floats, valid: Bools, fps: float) -> list[Floats]:
-    """Heights of each foot point in frames where it hardly moves (below 0.15 m/s)."""
-    if len(at) < 3:
-        return [at[valid, i, 2] for i in range(at.shape[1])]
-    speed = np.linalg.norm(np.gradient(at, axis=0), axis=-1) * fps
-    return [at[valid & (speed[:, i] < 0.15), i, 2] for i in range(at.shape[1])]
-
-
-def _heel_over_toe(at: Floats, valid: Bools, fps: float) -> list[float | None]:
-    """How far (m) each heel is above its toe while both hardly move; None if they never do."""
-    if len(at) < 3:
-        return [None, None]
-    speed = np.linalg.norm(np.gradient(at, axis=0), axis=-1) * fps
-    tilts: list[float | None] = []
-    for heel in (0, 2):
-        still = valid & (speed[:, heel : heel + 2] < 0.15).all(axis=1)
-        tilt = at[still, heel, 2] - at[still, heel + 1, 2]
-        tilts.append(float(np.median(tilt)) if len(tilt) >= 5 else None)
-    return tilts
 
 
 def _named(
