@@ -19,7 +19,8 @@ from physretarget.errors import UsageError
 if TYPE_CHECKING:
     # The store needs an extra; every other command must do without it.
     from physretarget.suite.file import Suite
-    from physretarget.suite.store import Entry, Run, Store
+    from physretarget.suite.records import Entry, Run
+    from physretarget.suite.store import Store
 
 group = typer.Typer(
     help="Judge a whole library every night, and say what changed.",

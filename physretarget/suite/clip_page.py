@@ -12,7 +12,7 @@ from physretarget._version import __version__
 from physretarget.report.words import GROUPS, look, number, pretty, quantity
 from physretarget.suite.compare import State, tolerance_of
 from physretarget.suite.environment import templates
-from physretarget.suite.store import Accepted, Entry
+from physretarget.suite.records import Accepted, Entry
 
 Track = Sequence[tuple[int, str | None]]
 # Series that clip pages draw, in this order.

@@ -18,7 +18,8 @@ from physretarget.suite.compare import Comparison, State, compare
 from physretarget.suite.file import Suite
 from physretarget.suite.job import Job, Outcome
 from physretarget.suite.plan import Plan
-from physretarget.suite.store import Entry, Run, Store
+from physretarget.suite.records import Entry, Run
+from physretarget.suite.store import Store
 
 Execute = Callable[[Sequence[Job]], Iterator[Outcome]]
 """Does jobs in any order and yields what each gave; never raises because of a job."""

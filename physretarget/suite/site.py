@@ -20,7 +20,8 @@ from physretarget._version import __version__
 from physretarget.files import write_file
 from physretarget.suite.compare import VERDICTS, State
 from physretarget.suite.environment import source, templates
-from physretarget.suite.store import Accepted, Entry, Run, Store
+from physretarget.suite.records import Accepted, Entry, Run
+from physretarget.suite.store import Store
 from physretarget.suite.summaries import in_order, render_data, render_junit, render_markdown
 
 _MANIFEST = "files.json"

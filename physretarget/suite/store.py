@@ -7,19 +7,17 @@ scripts and templates, and a store that upgrades itself when opened needs no sec
 
 from __future__ import annotations
 
-import sqlite3
-import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from physretarget.errors import InputError, MissingExtraError, UsageError
+from physretarget.errors import InputError, MissingExtraError
 from physretarget.suite.compare import State
+from physretarget.suite.database import READING, engine_at, shown
 from physretarget.suite.job import Outcome
+from physretarget.suite.records import Accepted, Entry, Run
 
 try:
     import sqlalchemy as sa
@@ -30,10 +28,7 @@ except ImportError as error:
 from physretarget.suite import suite_tables as tables
 from physretarget.suite.service_tables import create_service_tables
 
-_PATIENCE = 30.0  # seconds to wait for another connection
-_BUSY_MS = 30_000  # the same, as SQLite takes it
 _CHUNK = 500  # addresses per IN (...): below every driver's limit of parameters
-_READING = "physretarget_reading"
 _LOCK = 7246213  # any number, the same in every version: who migrates waits for the other
 
 # Each takes the schema from its index to the next; only ever append, never edit.
@@ -41,47 +36,6 @@ MIGRATIONS: tuple[Callable[[sa.Connection], None], ...] = (
     tables.create_suite_tables,
     create_service_tables,
 )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Entry:
-    """One clip in one run: where its result is, what it was compared with, the verdict."""
-
-    clip: str
-    address: str | None
-    baseline: str | None
-    case_name: str
-    kind: str
-    tags: tuple[str, ...]
-    owner: str
-    verdict: str
-    reason: str
-    blocking: bool
-    changes: tuple[Mapping[str, Any], ...] = ()
-
-
-@dataclass(frozen=True, kw_only=True)
-class Run:
-    """A run that finished; ``done``: jobs that were really done, ``counts``: clips by verdict."""
-
-    id: int
-    suite: str
-    started: str
-    finished: str
-    seconds: float
-    version: str
-    done: int
-    counts: Mapping[str, int] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Accepted:
-    """A clip's baseline in force; ``address`` None: it was accepted that the clip is gone."""
-
-    address: str | None
-    note: str
-    accepted: str
-    run: int
 
 
 class Store:
@@ -94,24 +48,7 @@ class Store:
 
     def __init__(self, url: str) -> None:
         self.url = url
-        try:
-            parsed = sa.make_url(url)
-            if parsed.get_backend_name() == "sqlite" and parsed.database:
-                Path(parsed.database).parent.mkdir(parents=True, exist_ok=True)
-            self._engine = sa.create_engine(parsed)
-        except ModuleNotFoundError as error:
-            raise MissingExtraError(
-                str(error.name), extra="postgresql", purpose=f"a history at {_shown(url)}"
-            ) from error
-        except (sa.exc.ArgumentError, sa.exc.NoSuchModuleError) as error:
-            raise UsageError(
-                f"the history {_shown(url)!r} is no URL of SQLite or PostgreSQL."
-            ) from error
-        if self._engine.dialect.name not in ("sqlite", "postgresql"):
-            raise UsageError(f"the history {_shown(url)!r} is neither SQLite nor PostgreSQL.")
-        if self._engine.dialect.name == "sqlite":
-            sa.event.listen(self._engine, "connect", _sqlite_settings)
-            sa.event.listen(self._engine, "begin", _sqlite_begin)
+        self._engine = engine_at(url)
         with self._errors():
             self._migrate()
 
@@ -141,7 +78,7 @@ class Store:
                 raise InputError(
                     f"was written by a newer version (schema {at}, this one knows "
                     f"{len(MIGRATIONS)}).",
-                    path=_shown(self.url),
+                    path=shown(self.url),
                 )
             for number, migration in enumerate(MIGRATIONS[at:], at + 1):
                 migration(connection)
@@ -153,7 +90,7 @@ class Store:
             yield
         except sa.exc.SQLAlchemyError as error:
             cause = str(getattr(error, "orig", None) or error).strip().splitlines()[0]
-            raise InputError(f"the history fails: {cause}.", path=_shown(self.url)) from error
+            raise InputError(f"the history fails: {cause}.", path=shown(self.url)) from error
 
     @contextmanager
     def begin(self) -> Iterator[sa.Connection]:
@@ -166,7 +103,7 @@ class Store:
         """A transaction that only reads, beside one that writes."""
         with (
             self._errors(),
-            self._engine.connect().execution_options(**{_READING: True}) as connection,
+            self._engine.connect().execution_options(**{READING: True}) as connection,
             connection.begin(),
         ):
             yield connection
@@ -263,9 +200,7 @@ class Store:
             made = connection.execute(tables.runs.insert().values(row).returning(tables.runs.c.id))
             return int(made.scalar_one())
 
-    def finish_run(
-        self, run: int, entries: Sequence[Entry], *, seconds: float, done: int
-    ) -> None:  # fmt: skip
+    def finish_run(self, run: int, entries: Sequence[Entry], *, seconds: float, done: int) -> None:
         """Keep a run's verdicts."""
         counts: dict[str, int] = {}
         for entry in entries:
@@ -356,45 +291,6 @@ class Store:
         if rows:
             with self.begin() as connection:
                 connection.execute(tables.baselines.insert(), rows)
-
-
-def _sqlite_begin(connection: sa.Connection) -> None:
-    # A transaction that only later turns out to write could find itself locked out.
-    reading = connection.get_execution_options().get(_READING, False)
-    connection.exec_driver_sql("BEGIN" if reading else "BEGIN IMMEDIATE")
-
-
-def _sqlite_settings(connection: Any, _: object) -> None:
-    """Readers beside a writer, a wait instead of 'locked', foreign keys as PostgreSQL has them."""
-    # Transactions are begun by us: the driver's own way leaves DDL outside of them.
-    connection.isolation_level = None
-    for pragma in (f"busy_timeout={_BUSY_MS}", "foreign_keys=ON", "synchronous=NORMAL"):
-        connection.execute(f"PRAGMA {pragma}")
-    _write_ahead(connection, time.monotonic() + _PATIENCE)
-
-
-def _write_ahead(connection: Any, until: float) -> None:
-    """Switch to the write-ahead journal, which outlives the connection.
-
-    Going from one journal to the other takes the whole database; where two connections want it
-    at the same moment SQLite answers 'locked' at once, whatever ``busy_timeout`` says.
-    """
-    while True:
-        try:
-            connection.execute("PRAGMA journal_mode=WAL")
-            return
-        except sqlite3.OperationalError:
-            if time.monotonic() > until:
-                raise
-            time.sleep(0.02)
-
-
-def _shown(url: str) -> str:
-    """A URL without its password."""
-    try:
-        return sa.make_url(url).render_as_string(hide_password=True)
-    except sa.exc.ArgumentError:
-        return url
 
 
 def _parts(values: Iterable[str]) -> Iterator[list[str]]:

@@ -8,7 +8,7 @@ from typing import Any
 from xml.etree import ElementTree as Xml
 
 from physretarget.suite.compare import VERDICTS, State
-from physretarget.suite.store import Entry, Run
+from physretarget.suite.records import Entry, Run
 
 SCHEMA = "physretarget/suite/1"
 _SHOWN = 50

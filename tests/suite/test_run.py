@@ -15,9 +15,10 @@ from physretarget.errors import InputError
 from physretarget.suite.file import load_suite
 from physretarget.suite.job import Job, Outcome
 from physretarget.suite.plan import Plan, plan
+from physretarget.suite.records import Entry, Run
 from physretarget.suite.run import local, run_suite
 from physretarget.suite.site import write_site
-from physretarget.suite.store import Entry, Run, Store
+from physretarget.suite.store import Store
 from physretarget.suite.work import perform
 
 Library = Any  # of conftest.py, which importlib mode gives no name

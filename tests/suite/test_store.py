@@ -12,9 +12,11 @@ import pytest
 import sqlalchemy as sa
 
 from physretarget.errors import InputError, UsageError
+from physretarget.suite import database
 from physretarget.suite import store as store_module
 from physretarget.suite.job import Outcome
-from physretarget.suite.store import Entry, Store
+from physretarget.suite.records import Entry
+from physretarget.suite.store import Store
 
 
 def outcome(address: str, **changes: Any) -> Outcome:
@@ -166,8 +168,8 @@ def test_a_locked_history_is_waited_for(tmp_path: Path, monkeypatch: pytest.Monk
     with Store(f"sqlite:///{path}") as store:
         assert store.known(["nothing"]) == set()
     other = tmp_path / "y.db"
-    monkeypatch.setattr(store_module, "_PATIENCE", 0.1)
-    monkeypatch.setattr(store_module, "_BUSY_MS", 100)
+    monkeypatch.setattr(database, "_PATIENCE", 0.1)
+    monkeypatch.setattr(database, "_BUSY_MS", 100)
     with closing(sqlite3.connect(other, isolation_level=None)) as stuck:
         stuck.execute("BEGIN EXCLUSIVE")
         with pytest.raises(InputError, match="locked"):
