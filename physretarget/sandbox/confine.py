@@ -16,7 +16,7 @@ import signal
 import struct
 import sys
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -39,20 +39,21 @@ class Walls:
     landlock: int
     seccomp: bool
 
-    def to_dict(self) -> dict[str, int | bool]:
-        """Plain data for a health page."""
-        return {**asdict(self), "files": self.landlock > 0, "network": self.seccomp}
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """What a job is not kept from on this machine, one phrase for each wall."""
+        open_to = []
+        if not self.landlock:
+            open_to.append("reading and writing the user's files (no Landlock)")
+        if not self.seccomp:
+            open_to.append("the network and other programs (no seccomp)")
+        return tuple(open_to)
 
 
 @cache
 def available() -> Walls:
     """What this machine offers; nothing is switched on by asking."""
     return Walls(landlock=_landlock_version(), seccomp=_seccomp_known())
-
-
-def landlock_available() -> bool:
-    """Whether a job's file access can be restricted by the kernel."""
-    return available().landlock > 0
 
 
 def die_with_parent(parent: int) -> None:

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from physretarget.errors import PhysretargetError, UsageError
+from physretarget.sandbox.confine import available
 from physretarget.sandbox.pool import Pool
 from physretarget.service.builtin import builtins
 from physretarget.service.checks import Checks
@@ -68,6 +69,8 @@ class Service:
 
     def start(self) -> None:
         """Take up what a server that died left, then work."""
+        for what in available().missing:
+            log.warning("this machine's kernel does not keep jobs from %s", what)
         self.home.sweep()
         self.queue.recover()
         self._collect()

@@ -84,7 +84,7 @@ def test_reads_what_is_declared(run: Run, tmp_path: Path) -> None:
     told = tmp_path / "input.txt"
     told.write_text("hello")
     assert run("read", inputs=(told,), path=str(told)) == {"content": "hello"}
-    if confine.landlock_available():
+    if confine.available().landlock:
         assert fails(run, "read", path=str(told)).error == "PermissionError"
 
 
@@ -257,7 +257,8 @@ def test_results_are_plain_files(name: str, tmp_path: Path) -> None:
 
 def test_machines_without_the_walls_say_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(confine, "available", lambda: confine.Walls(landlock=0, seccomp=False))
-    assert not confine.landlock_available()
+    assert len(confine.available().missing) == 2
+    assert confine.Walls(landlock=1, seccomp=True).missing == ()
     # Both do nothing then; this process could not be tested further otherwise.
     confine.restrict_files([], [])
     confine.restrict_calls()

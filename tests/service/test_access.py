@@ -5,12 +5,14 @@ from __future__ import annotations
 import contextlib
 import socket
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
 
 from physretarget.errors import UsageError
+from physretarget.sandbox.confine import Walls
 from physretarget.service.access import Rates
 from physretarget.service.service import Service
 from physretarget.service.settings import Settings
@@ -260,3 +262,16 @@ def test_slow_headers_are_cut_off(start: Start, monkeypatch: pytest.MonkeyPatch)
     with httpx.Client(base_url=live.url) as client:
         assert client.get("/health").status_code == 200
     live.close()
+
+
+def test_a_kernel_without_walls_is_in_the_log(
+    tmp_path: Path, pool: Any, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    bare = Walls(landlock=0, seccomp=False)
+    monkeypatch.setattr("physretarget.service.service.available", lambda: bare)
+    service = Service(Settings(data=tmp_path / "data"), pool)
+    try:
+        service.start()
+    finally:
+        service.stop()
+    assert sum("does not keep jobs from" in record.message for record in caplog.records) == 2
