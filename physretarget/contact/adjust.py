@@ -8,28 +8,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget import kinematics
-from physretarget.contact.carry import carried, followed, off_track, swivels
+from physretarget.contact.carry import carried, followed, off_track
 from physretarget.contact.clearance import above_floor
 from physretarget.contact.flight import grounded, throw_arc, thrown
 from physretarget.contact.foot import Foot
 from physretarget.contact.phases import Phases, runs
 from physretarget.contact.reach import within_reach
 from physretarget.contact.settings import ContactSettings
-from physretarget.contact.sole import Sole, SoleMotion, make_sole, sole_motion, with_underside
+from physretarget.contact.sole import Sole, SoleMotion, sole_motion
+from physretarget.contact.soles import sole_of, standing_bodies, turning_limit
 from physretarget.contact.stances import Footing, find_footings
 from physretarget.contact.track import fly, stand
 from physretarget.errors import InputError
 from physretarget.ik import continuous_qpos
 from physretarget.mjcf import Character
-from physretarget.mjcf.surface import solids
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 TOUCHING = 1e-3
 """A point this near to its place on the floor (m) counts as planted, whoever bears the body."""
-UNDER = 0.005
-"""Of a standing foot's underside, this near to the floor (of the height) must not sink."""
 SHORTEST_TOUCH = 0.05
 """Shorter touches of points that bear nothing by the timetable are not reported (s)."""
 
@@ -136,31 +134,19 @@ def _feet(
     settings: ContactSettings,
 ) -> tuple[list[Foot], list[str]]:
     """The bodies that stand at some time, with the path that each shall take."""
-    standing = kinematics.forward(character.tree, character.reference_qpos[None])
     found: list[Foot] = []
     notes: list[str] = []
-    tied = np.array([point is not None for point in character.tied], dtype=bool)
-    for body in np.unique(character.contacts.body[tied]):
-        index = np.flatnonzero((character.contacts.body == body) & tied)
-        names = [str(character.tied[i]) for i in index]
-        active = np.stack([phases.of(name) for name in names], axis=1)
+    for body in standing_bodies(character).tolist():
+        sole = sole_of(character, body)
+        active = np.stack([phases.of(character.tied[i]) for i in sole.points], axis=1)
         if not active.any():
             continue
-        sole = make_sole(
-            int(body),
-            index,
-            character.contacts.local[index],
-            tuple(_side(name) for name in names),
-            standing.rotation[0, body],
-        )
-        sole = with_underside(sole, solids(character, [int(body)]), UNDER * character.height)
         motion = sole_motion(sole, pose)
-        swivelling = body == character.root_body and bool(swivels(character))
-        limit = settings.swivel if swivelling else settings.pivot
+        limit = turning_limit(character, body, settings)
         footings, remarks = find_footings(
             sole, active, _place(sole, motion), time, character.height, limit, settings
         )
-        notes += [f"{character.model.body(int(body)).name}: {remark}" for remark in remarks]
+        notes += [f"{character.model.body(body).name}: {remark}" for remark in remarks]
         floor = character.floor_height
         track = stand(sole, motion, footings, active, time, floor, settings)
         found.append(Foot(sole, motion, active, footings, track))
@@ -285,10 +271,6 @@ def _standing(
         foot.sole, foot.motion, footings, foot.active, time, character.floor_height, settings
     )
     return replace(foot, footings=footings, track=track)
-
-
-def _side(name: str) -> str:
-    return name.split("_")[0] if name.startswith(("left_", "right_")) else name
 
 
 def _measured(

@@ -176,18 +176,53 @@ def _into_cone(tilt: Floats, zero: Floats, positive: Floats) -> Floats:
     if len(zero) == 0:
         inside = (tilt @ positive.T >= -_EPS).all(axis=1)
         best[inside], distance[inside] = tilt[inside], 0.0
+    for ray in _rays(zero, positive):
+        along = np.maximum(tilt @ ray, 0.0)
+        point = along[:, None] * ray
+        gap = np.sum((tilt - point) ** 2, axis=1)
+        nearer = gap < distance
+        best[nearer], distance[nearer] = point[nearer], gap[nearer]
+    return best
+
+
+def _rays(zero: Floats, positive: Floats) -> Floats:
+    """Directions (R, 2) of the cone's edges."""
+    found = [np.zeros((0, 2))]
+    size = 1e-6 * max(sole_size(zero), sole_size(positive))
     for row in np.concatenate([zero, positive]):
         for sign in (1.0, -1.0):
             ray = sign * np.array([-row[1], row[0]]) / np.linalg.norm(row)
-            size = 1e-6 * max(sole_size(zero), sole_size(positive))
-            if (np.abs(zero @ ray) > size).any() or (positive @ ray < -size).any():
-                continue
-            along = np.maximum(tilt @ ray, 0.0)
-            point = along[:, None] * ray
-            gap = np.sum((tilt - point) ** 2, axis=1)
-            nearer = gap < distance
-            best[nearer], distance[nearer] = point[nearer], gap[nearer]
-    return best
+            if (np.abs(zero @ ray) <= size).all() and (positive @ ray >= -size).all():
+                found.append(ray[None])
+    return np.concatenate(found)
+
+
+@dataclass(frozen=True, eq=False)
+class TiltCone:
+    """The tilts (2,) that keep some planted points on the floor; see :func:`allowed_tilt`."""
+
+    everything: bool
+    inside: Floats | None
+    rays: Floats
+
+    @classmethod
+    def of(cls, sole: Sole, planted: Bools) -> TiltCone:
+        """Of planted points (n,)."""
+        zero, positive = _cone(sole, planted)
+        everything = len(zero) == 0 and len(positive) == 0
+        return cls(everything, None if len(zero) else positive, _rays(zero, positive))
+
+    def nearest(self, tilt: Floats) -> Floats:
+        """The member (3,) nearest to a tilt (3,), as :func:`allowed_tilt` finds it for many."""
+        flat = tilt[:2]
+        result = np.zeros(3)
+        if self.everything or (self.inside is not None and (self.inside @ flat >= -_EPS).all()):
+            result[:2] = flat
+        elif len(self.rays):
+            along = self.rays @ flat
+            best = int(np.argmax(along))
+            result[:2] = max(float(along[best]), 0.0) * self.rays[best]
+        return result
 
 
 def sole_size(rows: Floats) -> float:
