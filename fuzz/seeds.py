@@ -14,12 +14,19 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 from targets import CUT, TOY, toy
 
+from physretarget.capture.actor import NQ, ActorShape
 from physretarget.clip import Clip, npz_bytes
+from physretarget.contact.phases import Phases, write_phases
 from physretarget.errors import MissingExtraError
 from physretarget.face.curve import Curve
 from physretarget.face.formats import write_csv, write_shot
 from physretarget.face.library import Library
 from physretarget.face.shot import Shot, Take
+from physretarget.keyposes.file import save as save_keyposes
+from physretarget.keyposes.pose import KeyPose, KeyPoseSet
+from physretarget.mapping import NAMES, fit
+from physretarget.mjcf import actor_character
+from physretarget.trained import TrainedMapper
 
 RIG = """name = "girl"
 [groups.brows]
@@ -155,10 +162,48 @@ def seeds() -> dict[str, dict[str, bytes]]:
         "amc": {"tiny": ASF.encode() + CUT + AMC.encode()},
         "mot": {"one": MOT.encode()},
         **face(),
-        "keyposes": {},
-        "phases": {},
-        "mapper": {},
+        **stages(),
     }  # fmt: skip
+
+
+def stages() -> dict[str, dict[str, bytes]]:
+    """Key poses of the toy, a timetable of contacts, and every kind of mapper."""
+    rng = np.random.default_rng(0)
+    poses = []
+    for number in range(4):
+        qpos = toy().reference_qpos.copy()
+        qpos[7] = 0.2 * number
+        actor_qpos = np.zeros(NQ)
+        actor_qpos[2] = 0.9
+        actor_qpos[3::4] = 1.0
+        poses.append(KeyPose(
+            name=f"pose{number}", source="walk.bvh", sha256="0" * 64, time=0.5 * number,
+            actor_qpos=actor_qpos, qpos=qpos, planted=("left_heel",), note="",
+        ))  # fmt: skip
+    poseset = KeyPoseSet(
+        character_name=toy().name, character_sha256=toy().sha256, license="CC0-1.0",
+        poses=tuple(poses),
+    )  # fmt: skip
+    time = np.arange(30) / 30
+    phases = Phases(("left_heel", "right_toe"), np.c_[time < 0.5, time > 0.4], time)
+    actor = actor_character(ActorShape.reference())
+    y = rng.normal(size=(4, 3 * len(actor.markers)))
+    z = rng.normal(size=(4, 3 * len(toy().markers)))
+    mappers = {}
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "file"
+        save_keyposes(poseset, path, toy())
+        keyposes = path.read_bytes()
+        write_phases(phases, path)
+        timetable = path.read_bytes()
+        for name in NAMES:
+            TrainedMapper(
+                character=toy(), actor=actor, mapper=fit(name, y, z, dims=2, iterations=2), y=y,
+                z=z, qpos=np.stack([p.qpos for p in poses]), names=tuple(p.name for p in poses),
+                sources=tuple(p.source for p in poses),
+            ).save(path)  # fmt: skip
+            mappers[name] = path.read_bytes()
+    return {"keyposes": {"four": keyposes}, "phases": {"two": timetable}, "mapper": mappers}
 
 
 def face() -> dict[str, dict[str, bytes]]:

@@ -114,6 +114,12 @@ def _config(content: bytes, folder: str) -> None:
     load_settings(_file(content, ".toml", folder), RULES)
 
 
+def _mapper(content: bytes, folder: str) -> None:
+    trained = TrainedMapper.load(_file(content, ".npz", folder), toy())
+    trained.mapper.predict(trained.y)
+    trained.nearest_pose(trained.y)
+
+
 @cache
 def _report():  # type: ignore[no-untyped-def]
     with tempfile.TemporaryDirectory() as folder:
@@ -150,9 +156,7 @@ TARGETS: dict[str, Callable[[bytes, str], None]] = {
     "take": lambda content, folder: void(read_take(_file(content, ".csv", folder))),
     "rig": lambda content, folder: void(Rig.load(_file(content, ".toml", folder))),
     "library": lambda content, folder: void(Library.load(_file(content, ".npz", folder))),
-    "mapper": lambda content, folder: void(
-        TrainedMapper.load(_file(content, ".npz", folder), toy())
-    ),
+    "mapper": _mapper,
 }
 
 

@@ -6,6 +6,7 @@ import hashlib
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,11 @@ from physretarget.mjcf import Character, actor_character
 
 Array = NDArray[np.float64]
 FORMAT = "physretarget/mapper/1"
+# What arrays of other shapes, sizes or kinds than they should be make NumPy and SciPy raise.
+_DAMAGE = (
+    ValueError, TypeError, IndexError, KeyError, OverflowError, ArithmeticError,
+    np.linalg.LinAlgError,
+)  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -84,13 +90,7 @@ class TrainedMapper:
         except OSError as error:
             raise InputError(f"cannot be read: {error.strerror}.", path=path) from error
         arrays = Members(content, path=str(path))
-        try:
-            header = json.loads(str(arrays["header"].item()))
-            known = header["format"] == FORMAT
-        except (KeyError, ValueError, TypeError):
-            known = False
-        if not known:
-            raise InputError("not a mapper file written by 'physretarget learn'.", path=path)
+        header = _header(arrays)
         if header["character_sha256"] != character.sha256:
             raise InputError(
                 f"learned for {header['character']!r} ({header['character_sha256'][:12]}), "
@@ -103,17 +103,69 @@ class TrainedMapper:
                 f"this version has {REFERENCE_ACTOR}: learn it again.",
                 path=path,
             )
-        own = {k.removeprefix("mapper_"): v for k, v in arrays.items() if k.startswith("mapper_")}
+        y, z, qpos = (arrays.floats(name, ndim=2) for name in ("y", "z", "qpos"))
         return cls(
             character=character,
             actor=actor_character(ActorShape.reference()),
-            mapper=mapping.from_arrays(own),
-            y=arrays.floats("y", ndim=2),
-            z=arrays.floats("z", ndim=2),
-            qpos=arrays.floats("qpos", ndim=2),
+            mapper=_mapper(arrays, y, z, qpos, character),
+            y=y,
+            z=z,
+            qpos=qpos,
             names=tuple(header["names"]),
             sources=tuple(header["sources"]),
         )
+
+
+def _header(arrays: Members) -> dict[str, Any]:
+    """What the file says of itself, complete and of the right kinds; else InputError."""
+    kinds = {
+        "format": str, "character": str, "character_sha256": str, "reference_actor": str,
+        "names": list, "sources": list,
+    }  # fmt: skip
+    try:
+        header = json.loads(str(arrays["header"].item()))
+        known = header["format"] == FORMAT and all(
+            isinstance(header[key], kind) for key, kind in kinds.items()
+        )
+        texts = known and all(isinstance(t, str) for t in header["names"] + header["sources"])
+    except (KeyError, ValueError, TypeError, RecursionError):
+        texts = False
+    if not texts:
+        raise InputError("not a mapper file written by 'physretarget learn'.", path=arrays.path)
+    return dict(header)
+
+
+def _mapper(
+    arrays: Members, y: Array, z: Array, qpos: Array, character: Character
+) -> mapping.Mapper:
+    """The mapper itself; it must map the first of its own key poses to numbers."""
+    shapes = (len(y) == len(z) == len(qpos) > 0) and qpos.shape[1] == character.tree.nq
+    if not shapes:
+        raise InputError(
+            f"the mapper is damaged: its key poses have the shapes {y.shape}, {z.shape} and "
+            f"{qpos.shape}.",
+            path=arrays.path,
+        )
+    own = {k.removeprefix("mapper_"): v for k, v in arrays.items() if k.startswith("mapper_")}
+    for name, array in {**own, "y": y, "z": z, "qpos": qpos}.items():
+        if array.dtype.kind in "fc" and not np.isfinite(array).all():
+            raise InputError(
+                f"the mapper is damaged: array {name!r} is not finite.", path=arrays.path
+            )
+    try:
+        mapper = mapping.from_arrays(own)
+        mean = mapper.predict(y[:1]).mean
+    except InputError as error:
+        raise InputError(f"the mapper is damaged: {error.message}", path=arrays.path) from error
+    except _DAMAGE as error:
+        raise InputError(
+            "the mapper is damaged: its arrays do not fit.", path=arrays.path
+        ) from error
+    if mean.shape != (1, z.shape[1]) or not np.isfinite(mean).all():
+        raise InputError(
+            "the mapper is damaged: it does not map its own key poses.", path=arrays.path
+        )
+    return mapper
 
 
 def check_mobile(character: Character) -> None:
