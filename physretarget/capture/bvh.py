@@ -1,8 +1,8 @@
 """BVH (Biovision hierarchy) files.
 
 Any channel order and count per joint, position channels on every joint, End Sites anywhere,
-names with blanks, colons and dots, CRLF, tabs and blank lines. Angles are degrees, applied in
-the order of the channels: ``R = R_first @ R_second @ R_third``.
+names with blanks, colons and dots, CRLF, tabs and blank lines, decimal commas. Angles are
+degrees, applied in the order of the channels: ``R = R_first @ R_second @ R_third``.
 
 Position channels replace the joint's OFFSET, as the writers of 6-channel files mean it, unless
 a file's numbers say that they are meant as an addition.
@@ -17,6 +17,7 @@ import numpy as np
 
 from physretarget.capture.bvh_hierarchy import Hierarchy, parse_hierarchy
 from physretarget.capture.bvh_motion import parse_motion
+from physretarget.capture.decimals import plain_numbers
 from physretarget.capture.recording import Floats, JointRecording, sha256_of
 from physretarget.capture.skeleton import Raw, chain_positions, finish, nice_rate
 from physretarget.errors import InputError
@@ -60,7 +61,9 @@ def _parse(content: bytes, path: str | Path) -> tuple[Hierarchy, float, Floats, 
     lines = text.split("\n")
     start = _motion_line(lines, path)
     hierarchy = parse_hierarchy(lines[:start], path)
-    return hierarchy, *parse_motion(lines, start, hierarchy.width, path)
+    lines[start:], odd = plain_numbers(lines[start:])
+    frame_time, values, remarks = parse_motion(lines, start, hierarchy.width, path)
+    return hierarchy, frame_time, values, (*odd, *remarks)
 
 
 def _motion_line(lines: list[str], path: str | Path) -> int:

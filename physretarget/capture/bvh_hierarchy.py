@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from physretarget.capture.decimals import plain_numbers
 from physretarget.capture.recording import Floats
 from physretarget.errors import InputError
 
@@ -150,7 +151,8 @@ def _set_offset(
 ) -> None:
     if not stack:
         raise InputError("OFFSET stands outside a joint.", path=path, line=line)
-    x, y, z = _numbers(words, 3, path, line)
+    (plain,), _ = plain_numbers([" ".join(words)])
+    x, y, z = _numbers(plain.split(), 3, path, line)
     owner = stack[-1]
     if isinstance(owner, str):
         tree.end_sites[owner] = (tree.end_sites[owner][0], np.array([x, y, z]))
@@ -162,6 +164,8 @@ def _set_channels(
     tree: Hierarchy, stack: list[int | str], words: list[str], path: str | Path, line: int
 ) -> None:
     owner = stack[-1] if stack else None
+    if isinstance(owner, str) and words == ["0"]:
+        return  # some writers say of an End Site that it has none
     if not isinstance(owner, int):
         raise InputError("CHANNELS stands outside a joint.", path=path, line=line)
     if tree.joints[owner].channels is not None:

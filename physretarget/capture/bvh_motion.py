@@ -33,14 +33,15 @@ def parse_motion(
 ) -> tuple[float, Floats, tuple[str, ...]]:
     """Frame time in seconds, the values (T, width) after the MOTION line, and what was odd."""
     at, count = _header(lines, start + 1, r"frames\s*:?\s*(\d{1,12})(?:\.0*)?$", "Frames: N", path)
-    at, seconds = _header(lines, at + 1, r"frame\s*time\s*:?\s*(\S+)$", "Frame Time: s", path)
+    at, seconds = _header(lines, at + 1, r"frame\s*time\s*:?\s*([^\s:]\S*)$", "Frame Time: s", path)
     try:
         frame_time = float(seconds)
     except ValueError:
         frame_time = np.nan
     if not 1e-4 <= frame_time <= 2.0:
         raise InputError(
-            f"The frame time is {seconds[:40]!r}; it must lie between 0.0001 and 2 s.",
+            f"The frame time is {seconds[:40]!r}; it must lie between 0.0001 and 2 s "
+            "(0.0333333 for 30 frames per second).",
             path=path,
             line=at + 1,
         )

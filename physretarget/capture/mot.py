@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from physretarget.capture.decimals import plain_numbers
 from physretarget.capture.marker_file import read_bytes
 from physretarget.capture.recording import Floats
 from physretarget.capture.skeleton import to_world
@@ -45,6 +46,7 @@ def read_mot(path: str | Path, *, up: str = "y") -> tuple[GroundForce, ...]:
     """
     lines = read_bytes(path).decode("utf-8", errors="replace").splitlines()
     names, first = _columns(lines, path)
+    lines[first:], _ = plain_numbers(lines[first:])
     table = _table(lines, first, len(names), path)
     groups: dict[str, dict[tuple[str, int], int]] = {}
     for i, name in enumerate(names):

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from physretarget.capture.decimals import plain_numbers
 from physretarget.capture.marker_file import RawMarkers, finish, read_bytes
 from physretarget.capture.recording import Floats, MarkerRecording
 from physretarget.errors import InputError
@@ -37,6 +38,7 @@ def read_trc(
     content = read_bytes(path)
     lines = content.decode("utf-8", errors="replace").splitlines()
     header = _header(lines, path)
+    lines[header.first :], odd = plain_numbers(lines[header.first :])
     time, values = _rows(lines, header, path)
     if header.frames is not None and len(values) < header.frames:
         raise InputError(
@@ -45,6 +47,7 @@ def read_trc(
             line=len(lines),
         )
     fps, position, notes = _uniform(header, time, values, path)
+    notes = [*odd, *notes]
     if header.frames is not None and len(values) > header.frames:
         notes.append(f"the header promises {header.frames} frames; all {len(values)} were read")
     raw = RawMarkers(
@@ -79,7 +82,7 @@ def _header(lines: list[str], path: str | Path) -> _Header:
             "the fourth line must begin with Frame# and name the markers", path=path, line=line + 1
         )
     try:
-        fps = float(said["datarate"])
+        fps = float(said["datarate"].replace(",", "."))
         frames = int(said["numframes"]) if "numframes" in said else None
         count = int(said["nummarkers"]) if "nummarkers" in said else None
     except (KeyError, ValueError) as error:

@@ -40,8 +40,25 @@ ROWS = "1 2 3 0 0 0\n4 5 6 0 0 90\n"
         HIERARCHY + HEAD.replace("2\n", "2.0\n", 1) + ROWS,
         HIERARCHY + HEAD + ROWS + "\x1a",
         HIERARCHY + HEAD + ROWS + "\x00\x00",
+        HIERARCHY.replace("0 5 0\n", "0 5 0\n    CHANNELS 0\n") + HEAD + ROWS,
+        HIERARCHY.replace("0 5 0", "0 5,0 0") + HEAD.replace(".", ",") + ROWS.replace("3", "3,0"),
+        HIERARCHY + HEAD + ROWS.replace(" ", ";"),
+        HIERARCHY + HEAD + ROWS.replace(" ", ", "),
+        HIERARCHY + HEAD + ROWS.replace("90", "9.0e+01"),
     ],
-    ids=["wrapped", "wrapped raggedly", "EndSite", "float count", "DOS end", "padding"],
+    ids=[
+        "wrapped",
+        "wrapped raggedly",
+        "EndSite",
+        "float count",
+        "DOS end",
+        "padding",
+        "EndSite without channels",
+        "decimal commas",
+        "semicolons",
+        "commas",
+        "exponents",
+    ],
 )
 def test_one_motion_in_many_spellings(tmp_path: Path, text: str) -> None:
     plain, odd = tmp_path / "plain.bvh", tmp_path / "odd.bvh"

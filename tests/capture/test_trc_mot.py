@@ -55,6 +55,14 @@ def test_the_files_own_first_time_is_kept(tmp_path: Path):
     assert recording.source.start == pytest.approx(0.05)
 
 
+def test_decimal_commas_are_read_as_points(tmp_path: Path):
+    plain = read_trc(write(tmp_path, text()))
+    head, rows = text().split("\n\n")
+    got = read_trc(write(tmp_path, f"{head}\n\n{rows.replace('.', ',')}"))
+    np.testing.assert_array_equal(got.position, plain.position)
+    assert "decimal commas were read as points" in got.notes
+
+
 @pytest.mark.parametrize(("unit", "scale"), [("mm", 1000), ("cm", 100), ("m", 1)])
 def test_units(tmp_path: Path, unit: str, scale: float):
     recording = read_trc(write(tmp_path, text(unit=unit, scale=scale)))
