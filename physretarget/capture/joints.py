@@ -78,15 +78,18 @@ def fit_joints(recording: JointRecording, *, mass: float | None = None) -> Actor
 def _without_rest_frame(recording: JointRecording) -> tuple[JointRecording, list[str]]:
     """Blank a first frame that holds the rest pose and is no part of the motion.
 
-    Some exporters put it there; it is known by all joint rotations being equal and by a jump of
-    more than 0.2 m to the second frame.
+    Some exporters put it there; it is known by all joint rotations being equal and by a leap to
+    the second frame: of most joints by more than 0.2 m, or of one by more than four times what
+    any moves in the tenth of a second after.
     """
     if len(recording.time) < 3:
         return recording, []
     first = recording.rotation[0]
-    jump = np.linalg.norm(recording.position[1] - recording.position[0], axis=1)
-    resting = np.abs(first - first[0]).max() < 1e-6
-    if not (resting and np.median(jump) > 0.2):
+    after = max(2, 1 + round(0.1 * recording.source.fps))
+    steps = np.linalg.norm(np.diff(recording.position[: after + 1], axis=0), axis=2)
+    usual = float(np.nanmax(steps[1:], initial=0.0))
+    leaps = np.median(steps[0]) > 0.2 or steps[0].max() > max(0.05, 4 * usual)
+    if not (leaps and np.abs(first - first[0]).max() < 1e-6):
         return recording, []
     position = recording.position.copy()
     position[0] = np.nan

@@ -195,6 +195,18 @@ def test_a_rest_pose_in_the_first_frame_is_not_used() -> None:
     np.testing.assert_allclose(got.qpos[0], got.qpos[1], atol=1e-9)
 
 
+def test_a_rest_frame_on_the_spot_is_not_the_motion() -> None:
+    shape = ActorShape.reference()
+    qpos = walking(shape)
+    qpos[:, :3] = qpos[0, :3]
+    arms_out = qpos.copy()
+    arms_out[0, 3:] = 0.0
+    arms_out[0, 3::4] = 1.0
+    arms_out[1:, 3 + 4 * SEGMENT["left_upper_arm"] :][:, :4] = [0.5**0.5, 0.5**0.5, 0, 0]
+    got = fit_joints(recorded(shape, arms_out, twists("standing")))
+    np.testing.assert_array_equal(np.flatnonzero(~got.valid), [0])
+
+
 def test_mass_is_told_or_follows_from_stature() -> None:
     shape = ActorShape.reference(1.6)
     motion = recorded(shape, walking(shape), twists("standing"))
