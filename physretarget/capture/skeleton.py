@@ -145,7 +145,7 @@ def lies_down(position: Floats, stated: str, seen: str, size: float) -> bool:
     Its lowest points then keep to the height zero of the one and not of the other.
     """
     some = position[:: max(1, len(position) // 200)]
-    some = some[np.isfinite(some).any(axis=1).all(axis=1)]
+    some = some[np.asarray(np.isfinite(some).any(axis=1)).all(axis=1)]
     if stated[0] == "-" or not len(some):
         return False
     low = np.abs(np.median(np.nanmin(some, axis=1), axis=0))
