@@ -21,7 +21,7 @@ from physretarget.kinematics.rotations import (
     rotvec_to_quat,
     slerp,
 )
-from physretarget.kinematics.solver import PointTargets, Solution, solve
+from physretarget.kinematics.solver import PointTargets, Solution, solve, stiffness
 from physretarget.kinematics.tree import (
     Joint,
     Pose,
@@ -55,4 +55,5 @@ __all__ = [
     "rotvec_to_quat",
     "slerp",
     "solve",
+    "stiffness",
 ]

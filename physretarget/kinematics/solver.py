@@ -301,6 +301,20 @@ def _cross(a: Floats, b: Floats) -> Floats:
     return out
 
 
+def stiffness(
+    tree: Tree, qpos: Floats, pose: Pose, body: Ints, local: Floats, weight: Floats
+) -> Floats:
+    """JᵀWJ (T, nv, nv) of the points ``local`` (K, 3) of ``body`` (K,), weights W (T, K).
+
+    ``pose`` must be ``forward(tree, qpos)``. Half its quadratic form in a small step is half the
+    weighted sum of squares by which the points move.
+    """
+    at = points(pose, body, local)
+    placed = PointTargets(body, local, at, weight)
+    problem = _problem(tree, qpos, [placed], None, None, None, None, 0.0)
+    return normal_equations(tree, qpos, pose, problem, np.zeros_like(at))[0]
+
+
 def _against_bounds(problem: _Problem, qpos: Floats, gradient: Floats) -> Bools:
     """(T, nv): dofs that sit on a bound and would be pushed through it."""
     at, dof = problem.tree.scalars
