@@ -7,7 +7,6 @@ memory hardly grows with the clip.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -18,29 +17,21 @@ from numpy.typing import NDArray
 
 from physretarget.clip import Motion
 from physretarget.kinematics import slerp
-from physretarget.mjcf import Character, lowpass
-from physretarget.validation.chunk import Chunk, Workspace, analyse_chunk
+from physretarget.mjcf import Character
+from physretarget.validation.chunk import Workspace
 from physretarget.validation.declared import columns as contact_columns
-from physretarget.validation.series import Gathered
-from physretarget.validation.smear import dilated, pushed, reach_frames, straight
-from physretarget.validation.smoothness import WINDOW_S, edge_frames
+from physretarget.validation.grid import Grid, Poses
 
 if TYPE_CHECKING:
     from physretarget.validation.config import Settings
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-Poses = Callable[[int, int], Floats]
 Progress = Callable[[int, int], None]  # frames done, frames in all
 
 CHUNK = 1024
-# Frames beyond a chunk's ends that differences of third order reach, on top of a window.
-_HALO = 6
-_FORGOTTEN_PERIODS = 10
 # Beyond this the time axis is not uniform (rounding of text files stays below).
 _UNIFORM = 1e-3
-# Below this share of body weight the direction of a support force means nothing.
-SUPPORT_BW = 0.1
 # 3 % of the CoM height, within 1 and 2 cm: soles of robots and captures lie that far off.
 _TOLERANCE_OF_HEIGHT, _TOLERANCE_M = 0.03, (0.01, 0.02)
 
@@ -52,6 +43,8 @@ class Analysis:
     ``time`` (T,) s is uniform. ``series`` maps a name to (T,) or (T, n) arrays, see
     :class:`physretarget.validation.chunk.Chunk` for their meanings; a missing name could not
     be computed. ``poses`` (first, last) gives the frames (last - first, nq) before the filter.
+    ``own_frames`` tells whether its frames are the clip's. ``coarse`` is the clip at 30 instants
+    a second, None where it has hardly more frames than that.
     """
 
     clip: Motion
@@ -65,6 +58,13 @@ class Analysis:
     work: Workspace
     series: Mapping[str, NDArray[np.generic]] = field(default_factory=dict)
     uneven: Floats = field(default_factory=lambda: np.zeros(0))
+    own_frames: bool = True
+    coarse: Analysis | None = None
+
+    @property
+    def measured(self) -> Analysis:
+        """What measures are taken from: 30 instants a second, or the frames of a slow clip."""
+        return self.coarse or self
 
     @property
     def frames(self) -> int:
@@ -90,7 +90,7 @@ class Analysis:
 
     def clip_frame(self, frame: int) -> int:
         """The clip's own frame nearest to a frame of the (uniform) analysis."""
-        if len(self.uneven) == 0:
+        if self.own_frames:
             return frame
         return int(np.argmin(np.abs(self.clip.time - self.clip.time[0] - self.time[frame])))
 
@@ -125,7 +125,6 @@ def analyse(
     does not fit the model.
     """
     time, poses, uneven = _uniform(clip, character)
-    fps = (len(time) - 1) / float(time[-1] - time[0]) if len(time) > 1 else 0.0
     height = max(character.com_height, 1e-3)
     tolerance = settings.contact_tolerance_m
     if tolerance is None:
@@ -133,73 +132,25 @@ def analyse(
     friction = settings.friction or character.friction
     work = Workspace.build(character, tolerance=tolerance, friction=friction)
     said = _declared(clip, character, time if len(uneven) else None)
-    series = Gathered()
-    reach = reach_frames(fps, settings.lowpass_hz)
-    halo = _HALO + max(reach, math.ceil(WINDOW_S * fps / 2) + edge_frames(fps))
+    hz = settings.lowpass_hz
+    own = Grid(time, np.arange(len(time), dtype=np.float64), work, hz, poses, said)
+    grids = [grid for grid in (own, own.resampled()) if grid is not None]
     for first in range(0, len(time), CHUNK):
         last = min(first + CHUNK, len(time))
-        start, stop = max(0, first - halo), min(len(time), last + halo)
-        given = poses(start, stop)
-        smooth = given
-        if settings.lowpass_hz is not None and len(time) > 1:
-            smooth = _filtered(character, poses, len(time), fps, settings.lowpass_hz, start, stop)
-        chunk = Chunk(
-            qpos=smooth, raw=given, time=time[start:stop],
-            keep=slice(first - start, last - start), reach=reach,
-            declared=None if said is None else said(start, stop),
-        )  # fmt: skip
-        series.add({name: _slim(name, s) for name, s in analyse_chunk(work, chunk).items()})
+        for grid in grids:
+            grid.add(first, last)
         if progress is not None:
             progress(last, len(time))
-    series.add(_over_time(character, series, fps, settings.lowpass_hz))
-    return Analysis(
-        clip=clip, character=character, settings=settings, time=time, fps=fps,
-        tolerance=tolerance, friction=friction, poses=poses, work=work, series=series,
-        uneven=uneven,
-    )  # fmt: skip
-
-
-def _slim(name: str, series: NDArray[np.generic]) -> NDArray[np.generic]:
-    """A series as it is kept: in single precision, six digits of whatever it measures.
-
-    The CoM's path will be differentiated and stays as it is.
-    """
-    if name == "given_com" or series.dtype == np.bool_:
-        return series
-    return series.astype(np.float32 if series.dtype.kind == "f" else np.int32)
-
-
-def _over_time(
-    character: Character, series: Mapping[str, NDArray[np.generic]], fps: float, hz: float | None
-) -> dict[str, NDArray[np.generic]]:
-    """What takes a clip as a whole: pushes smeared by the filter, and friction beside them."""
-    if "required_force" not in series:
-        return {}
-    required = np.asarray(series["required_force"], dtype=np.float64)
-    path = np.asarray(series["given_com"], dtype=np.float64)
-    gravity = float(np.linalg.norm(character.model.opt.gravity))
-    force = straight(required, path, fps, hz, gravity)
-    anywhere = np.ones(len(force), dtype=bool)
-    ringing = np.minimum(pushed(force[:, 2], anywhere, fps, hz), 0.0)
-    found: dict[str, NDArray[np.generic]] = {"straight_force": force, "ringing": ringing}
-    if "touching" in series:
-        near = dilated(np.asarray(series["touching"]) > 0, 1)
-        found["pushed"] = pushed(force[:, 2], near, fps, hz)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        demand = np.linalg.norm(required[:, :2], axis=1) / (required[:, 2] - ringing)
-    found["friction_demand"] = np.where(required[:, 2] > SUPPORT_BW, demand, np.nan)
-    return {name: _slim(name, part) for name, part in found.items()}
-
-
-def _filtered(
-    character: Character, poses: Poses, frames: int, fps: float, hz: float, start: int, stop: int
-) -> Floats:
-    """Frames start to stop of the filtered clip, as if it had been filtered as a whole."""
-    # The filter forgets by exp(-2 pi hz t / sqrt(2)): 1e-19 after ten periods.
-    reach = math.ceil(_FORGOTTEN_PERIODS * fps / hz)
-    before, behind = max(0, start - reach), min(frames, stop + reach)
-    smooth = lowpass(character, poses(before, behind), fps, hz)
-    return smooth[start - before : stop - before]
+    found: Analysis | None = None
+    for grid in reversed(grids):
+        grid.finish()
+        found = Analysis(
+            clip=clip, character=character, settings=settings, time=grid.time, fps=grid.fps,
+            tolerance=tolerance, friction=friction, poses=grid.poses, work=work, series=grid.series,
+            uneven=uneven, own_frames=grid is own and len(uneven) == 0, coarse=found,
+        )  # fmt: skip
+    assert found is not None
+    return found
 
 
 def _uniform(clip: Motion, character: Character) -> tuple[Floats, Poses, Floats]:

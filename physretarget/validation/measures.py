@@ -24,10 +24,14 @@ SKATE_WINDOW_S = 0.2
 
 
 def measures(analysis: Analysis) -> dict[str, Measure]:
-    """Every measure by name; value None where it could not be taken."""
+    """Every measure by name; value None where it could not be taken.
+
+    Of clips faster than that they are taken at 30 instants a second, so that a motion has the same
+    numbers at any frame rate.
+    """
     found: dict[str, Measure] = {}
     for part in (_required, _explained, _flight, _floor, _joints):
-        found.update(part(analysis))
+        found.update(part(analysis.measured))
     return found
 
 

@@ -1,0 +1,173 @@
+"""A clip at its own frame rate, and at 30 instants a second for the measures.
+
+Findings look at every frame. Numbers about a whole clip have to mean the same at any frame rate:
+they are those of the clip at 30 frames/s, filtered and differentiated as such. Accelerations
+between are not passed over: a second difference over n frames,
+
+    (p[t + n] - 2 p[t] + p[t - n]) / (n dt)^2 = sum_k (n - |k|) / n^2  a[t + k],
+
+is the mean of the second differences a of all frames between, with a hat for a weight, and the
+hats of neighbouring instants add up to one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter
+
+from physretarget.kinematics import Tree, difference, integrate
+from physretarget.mjcf import lowpass
+from physretarget.validation.chunk import Chunk, Workspace, analyse_chunk
+from physretarget.validation.series import Gathered
+from physretarget.validation.smear import dilated, pushed, reach_frames, straight
+from physretarget.validation.smoothness import WINDOW_S, edge_frames
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Series = dict[str, NDArray[np.generic]]
+Poses = Callable[[int, int], Floats]
+Flags = Callable[[int, int], Bools]
+
+# The rate that clips of robots and animations come in: what they can show, all can.
+MEASURED_HZ = 30.0
+# Slower than this a clip is measured frame by frame: cubics between its frames would cut peaks.
+_FASTER_THAN_HZ = 45.0
+# So is a clip of fewer instants than a fourth-order difference and its neighbours need, and one
+# with a filter that is too fast for 30 instants a second.
+_FEWEST = 8
+_FILTER_HZ = 0.4 * MEASURED_HZ
+# An instant this near to a frame is that frame.
+_SAME_FRAME = 1e-3
+# Frames beyond a chunk's ends that differences of third order reach, on top of a window.
+_HALO = 6
+# Below this share of body weight the direction of a support force means nothing.
+SUPPORT_BW = 0.1
+
+
+class Grid:
+    """Some instants of a clip, analysed piece by piece into ``series``.
+
+    ``time`` (T,) s are the instants; ``poses`` and ``declared`` (first, last) give some of them,
+    before the filter; ``place`` (T,) says where they lie, in frames of the clip.
+    """
+
+    def __init__(
+        self, time: Floats, place: Floats, work: Workspace, lowpass_hz: float | None,
+        poses: Poses, declared: Flags | None,
+    ) -> None:  # fmt: skip
+        self.time = time
+        self.place = place
+        self.poses = poses
+        self.series = Gathered()
+        self.fps = (len(time) - 1) / float(time[-1] - time[0]) if len(time) > 1 else 0.0
+        self._declared = declared
+        self._work = work
+        self._hz = lowpass_hz
+        self._reach = reach_frames(self.fps, lowpass_hz)
+        window = math.ceil(WINDOW_S * self.fps / 2) + edge_frames(self.fps)
+        self._halo = _HALO + max(self._reach, window)
+
+    def resampled(self) -> Grid | None:
+        """The same clip at 30 instants a second, None where it has no more frames than that."""
+        fast = self._hz is not None and self._hz > _FILTER_HZ
+        if self.fps < _FASTER_THAN_HZ or fast:
+            return None
+        count = math.floor(float(self.time[-1]) * MEASURED_HZ + _SAME_FRAME) + 1
+        if count < _FEWEST:
+            return None
+        time = np.arange(count) / MEASURED_HZ
+        place = np.minimum(time * self.fps, len(self.time) - 1)
+        near = np.round(place)
+        place = np.where(np.abs(place - near) < _SAME_FRAME, near, place)
+        poses = partial(_interpolated, self._work.character.tree, self.poses, place, len(self.time))
+        said = None if self._declared is None else partial(_nearest, self._declared, place)
+        return Grid(time, place, self._work, self._hz, poses, said)
+
+    def add(self, first: int, last: int) -> None:
+        """Answer for the instants from the clip's frame ``first`` to before ``last``."""
+        first, last = (int(i) for i in np.searchsorted(self.place, (first, last)))
+        if first == last:
+            return
+        start, stop = max(0, first - self._halo), min(len(self.time), last + self._halo)
+        given = self.poses(start, stop)
+        smooth = given
+        if self._hz is not None and len(self.time) > 1:
+            smooth = self._filtered(self._hz, start, stop)
+        chunk = Chunk(
+            qpos=smooth, raw=given, time=self.time[start:stop],
+            keep=slice(first - start, last - start), reach=self._reach,
+            declared=None if self._declared is None else self._declared(start, stop),
+        )  # fmt: skip
+        found = analyse_chunk(self._work, chunk)
+        self.series.add({name: _slim(name, part) for name, part in found.items()})
+
+    def finish(self) -> None:
+        """Add what takes the clip as a whole: pushes smeared by the filter, and friction."""
+        if "required_force" not in self.series:
+            return
+        required = np.asarray(self.series["required_force"], dtype=np.float64)
+        path = np.asarray(self.series["given_com"], dtype=np.float64)
+        gravity = float(np.linalg.norm(self._work.character.model.opt.gravity))
+        force = straight(required, path, self.fps, self._hz, gravity)
+        anywhere = np.ones(len(force), dtype=bool)
+        ringing = np.minimum(pushed(force[:, 2], anywhere, self.fps, self._hz), 0.0)
+        found: Series = {"straight_force": force, "ringing": ringing}
+        if "touching" in self.series:
+            near = dilated(np.asarray(self.series["touching"], dtype=np.int64) > 0, 1)
+            found["pushed"] = pushed(force[:, 2], near, self.fps, self._hz)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            demand = np.linalg.norm(required[:, :2], axis=1) / (required[:, 2] - ringing)
+        found["friction_demand"] = np.where(required[:, 2] > SUPPORT_BW, demand, np.nan)
+        self.series.add({name: _slim(name, part) for name, part in found.items()})
+
+    def _filtered(self, hz: float, start: int, stop: int) -> Floats:
+        """Frames start to stop of the filtered clip, as if it had been filtered as a whole."""
+        # By then the filter has forgotten all but 1e-19.
+        poles = butter(2, 2 * hz / self.fps, output="zpk")[1]
+        reach = math.ceil(math.log(1e-19) / math.log(float(np.abs(poles).max())))
+        before, behind = max(0, start - reach), min(len(self.time), stop + reach)
+        smooth = lowpass(self._work.character, self.poses(before, behind), self.fps, hz)
+        return smooth[start - before : stop - before]
+
+
+def _interpolated(
+    tree: Tree, poses: Poses, place: Floats, frames: int, first: int, last: int
+) -> Floats:
+    """(last - first, nq) poses at instants: those of frames, or of cubics through four.
+
+    Cubics are exact to fourth order, rotations being rotation vectors from the frame before.
+    """
+    here = place[first:last]
+    before = np.floor(here).astype(np.int64)
+    left = np.clip(before - 1, 0, frames - 4)
+    start = int(left[0])
+    given = poses(start, int(left[-1]) + 4)
+    base, where = given[before - start], here - left
+    change = np.zeros((len(here), tree.nv))
+    for node in range(4):
+        others = [k for k in range(4) if k != node]
+        weight = np.prod([(where - k) / (node - k) for k in others], axis=0)
+        change += weight[:, None] * difference(tree, base, given[left - start + node])
+    return np.where((here == before)[:, None], base, integrate(tree, base, change))
+
+
+def _nearest(declared: Flags, place: Floats, first: int, last: int) -> Bools:
+    """What a clip says in the frames nearest to some instants."""
+    frames = np.round(place[first:last]).astype(np.int64)
+    near: Bools = declared(int(frames[0]), int(frames[-1]) + 1)[frames - frames[0]]
+    return near
+
+
+def _slim(name: str, series: NDArray[np.generic]) -> NDArray[np.generic]:
+    """A series as it is kept: in single precision, six digits of whatever it measures.
+
+    The CoM's path will be differentiated and stays as it is.
+    """
+    if name == "given_com" or series.dtype == np.bool_:
+        return series
+    return series.astype(np.float32 if series.dtype.kind == "f" else np.int32)
