@@ -60,6 +60,8 @@ def read_c3d(
     point = file["parameters"]["POINT"]
     labels = _labels(point, values.shape[1])
     keep, notes = _markers(labels, point)
+    if not keep:
+        raise InputError(_why_none(labels, file["data"], notes), path=path)
     position = np.ascontiguousarray(np.moveaxis(values[:3, keep], 0, -1).swapaxes(0, 1))
     residual = file["data"]["meta_points"]["residuals"][0, keep].T
     position[residual < 0] = np.nan
@@ -130,6 +132,15 @@ def _markers(labels: list[str], point: Mapping[str, Any]) -> tuple[list[int], li
     if unnamed:
         notes.append(f"{unnamed} unnamed points were left out")
     return keep, notes
+
+
+def _why_none(labels: list[str], data: Mapping[str, Any], notes: list[str]) -> str:
+    """Why a file has no markers."""
+    if labels:
+        return f"none of the file's {len(labels)} points is a named marker: {', '.join(notes)}"
+    if data["rotations"].size:
+        return "the file holds rotations of segments; markers, or a BVH skeleton, are needed"
+    return "the file holds no points, at most analog channels"
 
 
 def _screen_up(point: Mapping[str, Any]) -> str | None:

@@ -121,6 +121,7 @@ def _worn(
 ) -> tuple[MarkerModel, Ints]:
     """The reference actor with the recording's known markers, and their columns."""
     landmarks = _one_subject(recording.labels, recognise(recording.labels), notes)
+    landmarks = _first_of_each(recording.labels, landmarks, notes)
     if _walks_backward(landmarks, recording.position):
         landmarks = exchanged(landmarks)
         notes.append("left and right were exchanged: as labelled, the toes point backward")
@@ -128,7 +129,8 @@ def _worn(
     columns = np.array(
         [i for i, mark in enumerate(landmarks) if mark is not None and seen[i]], dtype=np.int64
     )
-    unknown = [label for label, mark in zip(recording.labels, landmarks, strict=True) if not mark]
+    marked = {recording.labels[i] for i, mark in enumerate(landmarks) if mark}
+    unknown = [label for label in recording.labels if label not in marked]
     known = [mark for i in columns if (mark := landmarks[i]) is not None]
     on = [SEGMENTS[mark.segment] for mark in known]
     if len(known) < told.fewest or not _trunk_marked(on):
@@ -227,6 +229,16 @@ def _one_subject(
         mark if prefix == people[0] else None
         for prefix, mark in zip(prefixes, landmarks, strict=True)
     )
+
+
+def _first_of_each(
+    labels: tuple[str, ...], landmarks: tuple[Landmark | None, ...], notes: list[str]
+) -> tuple[Landmark | None, ...]:
+    """The landmarks without those of a label that stood before: a second body, or a remnant."""
+    again = {i for i, label in enumerate(labels) if landmarks[i] and label in labels[:i]}
+    if again:
+        notes.append(f"{len(again)} labels stand in the file again: the first of each was taken")
+    return tuple(None if i in again else mark for i, mark in enumerate(landmarks))
 
 
 def _supported(model: MarkerModel, position: Floats) -> Bools:

@@ -128,10 +128,38 @@ def test_damaged_bytes_never_escape_as_anything_but_input_errors(tmp_path: Path)
             continue
 
 
-def test_only_model_outputs_is_an_error(tmp_path: Path):
-    labels = [f"L{name}Angles" for name in "abcdefgh"]
-    with pytest.raises(InputError, match="not one visible marker"):
+@pytest.mark.parametrize(
+    ("labels", "says"),
+    [
+        ([f"L{name}Angles" for name in "abcdefgh"], "8 model outputs"),
+        ([f"*{i}" for i in range(8)], "8 unnamed points"),
+        ([""] * 8, "8 unnamed points"),
+    ],
+)
+def test_points_that_are_no_markers_are_an_error_that_says_so(
+    tmp_path: Path, labels: list[str], says: str
+):
+    with pytest.raises(InputError, match=f"none of the file's 8 points .* {says}"):
         read_c3d(write(tmp_path / "a.c3d", standing(), labels=labels))
+
+
+@pytest.mark.parametrize("rotations", [True, False])
+def test_files_without_points_say_what_they_hold(tmp_path: Path, rotations: bool):
+    file = ezc3d.c3d()
+    file["parameters"]["POINT"]["RATE"]["value"] = [100]
+    file["data"]["points"] = np.zeros((4, 0, 5))
+    if rotations:  # as Theia writes them
+        for name, value in (("LABELS", ["pelvis_4X4"]), ("RATE", [100.0]), ("USED", [1])):
+            file.add_parameter("ROTATION", name, value)
+        file.add_parameter("ROTATION", "RATIO", [1])
+        file["data"]["rotations"] = np.tile(np.eye(4)[:, :, None, None], (1, 1, 1, 5))
+    else:
+        file["parameters"]["ANALOG"]["RATE"]["value"] = [1000]
+        file["parameters"]["ANALOG"]["LABELS"]["value"] = ["emg"]
+        file["data"]["analogs"] = np.zeros((1, 1, 50))
+    file.write(str(tmp_path / "a.c3d"))
+    with pytest.raises(InputError, match="rotations of segments" if rotations else "no points"):
+        read_c3d(tmp_path / "a.c3d")
 
 
 @pytest.mark.data

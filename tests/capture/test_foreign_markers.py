@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -171,6 +173,20 @@ def test_of_two_people_one_is_taken() -> None:
     assert any("2 subjects are in the file: Bob was taken, Ann left out" in n for n in motion.notes)
     assert motion.marker_error_rms is not None
     assert motion.marker_error_rms < 0.01
+
+
+def test_labels_that_stand_twice_are_taken_once() -> None:
+    one = worn(PLUG_IN_GAIT)
+    beside = one.position + np.array([0.0, 2.0, 0.0])
+    both = replace(
+        one,
+        labels=(*one.labels, *one.labels),
+        position=np.concatenate([one.position, beside], axis=1),
+    )
+    alone, found = fit_markers(one), fit_markers(both)
+    np.testing.assert_array_equal(found.qpos, alone.qpos)
+    assert any("34 labels stand in the file again" in note for note in found.notes)
+    assert not any("not known" in note for note in found.notes)
 
 
 def test_too_few_labels_say_what_is_needed() -> None:
