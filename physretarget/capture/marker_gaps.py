@@ -39,7 +39,8 @@ def leaps_blanked(position: Floats, fps: float, notes: list[str]) -> Floats:
     wide = max(1, round(_AROUND_LEAP * fps))
     doubtful = maximum_filter1d(leap, size=2 * wide + 1, axis=0)
     notes.append(
-        f"{leapt[0]} markers leap in {leapt[1]} frames: {1000 * _AROUND_LEAP:.0f} ms on either "
+        f"{leapt[0]} {'marker leaps' if leapt[0] == 1 else 'markers leap'} in {leapt[1]} "
+        f"{'frame' if leapt[1] == 1 else 'frames'}: {1000 * _AROUND_LEAP:.0f} ms on either "
         "side, and what lies between there and back, were taken for gaps"
     )
     return np.where(doubtful[..., None], np.nan, position)

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import functools
 import inspect
+import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Annotated, Any, TypeVar
 
 import typer
+import typer.core
+import typer.models
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -24,6 +27,34 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but erro
 Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
 
 debug = False
+
+
+_PLACEHOLDERS = {"Path": "PATH", "float": "NUMBER", "int": "N", "str": "TEXT"}
+
+
+class _Command(typer.core.TyperCommand):
+    """A command whose help names what to write, not the Python types that it becomes."""
+
+    def __init__(self, *given: Any, **named: Any) -> None:
+        super().__init__(*given, **named)
+        for parameter in self.params:
+            if isinstance(parameter, typer.core.TyperArgument):
+                # Its own name says what it is: CLIP..., MODEL.xml.
+                parameter.display_type_rich = lambda ctx: None  # type: ignore[method-assign]
+
+
+def _named(annotation: Any) -> Any:
+    """An option without a metavar gets one after its type."""
+    option = next(
+        (m for m in getattr(annotation, "__metadata__", ()) if hasattr(m, "metavar")), None
+    )
+    if isinstance(option, typer.models.OptionInfo) and option.metavar is None:
+        kinds = str(annotation.__origin__).replace("'", " ")
+        for kind, placeholder in _PLACEHOLDERS.items():
+            if re.search(rf"\b{kind}\b", kinds):
+                option.metavar = placeholder
+                break
+    return annotation
 
 
 def command(app: typer.Typer, name: str, *, example: str) -> Callable[[Function], Function]:
@@ -45,10 +76,11 @@ def command(app: typer.Typer, name: str, *, example: str) -> Callable[[Function]
             messages.quiet = given.pop("quiet")
             function(**given)
 
-        whole = signature.replace(parameters=[*signature.parameters.values(), *added])
+        own = [p.replace(annotation=_named(p.annotation)) for p in signature.parameters.values()]
+        whole = signature.replace(parameters=[*own, *added])
         run.__signature__ = whole  # type: ignore[attr-defined]
         run.__annotations__ = {p.name: p.annotation for p in whole.parameters.values()}
-        app.command(name, epilog=f"Example: {example}")(run)
+        app.command(name, cls=_Command, epilog=f"Example: {example}")(run)
         return function
 
     return register

@@ -30,6 +30,7 @@ from physretarget.keyposes import (
 from physretarget.keyposes.propose import planted_points
 from physretarget.keyposes.suggest import MOST_FRAMES, Suggestion, suggest
 from physretarget.mjcf import Character
+from physretarget.report.words import count as counted
 from physretarget.trained import check_mobile
 
 Array = NDArray[np.float64]
@@ -75,7 +76,9 @@ def suggest_command(
     ] = None,
     count: Annotated[int, typer.Option("--count", min=1, help="How many.")] = 10,
     fps: Annotated[float, typer.Option("--fps", help="Frames per second to look at.")] = 10.0,
-    format: Annotated[str, typer.Option("--format", **complete(FORMATS))] = "text",
+    format: Annotated[
+        str, typer.Option("--format", help="Of the list.", **complete(FORMATS))
+    ] = "text",
     out: Out = None,
     sheet: Sheet = None,
 ) -> None:
@@ -250,7 +253,7 @@ def _write(
     if out is not None:
         out.parent.mkdir(parents=True, exist_ok=True)
         save(made, out, model)
-        say(f"{out}: {len(made)} start poses.")
+        say(f"{out}: {counted(len(made), 'start pose')}.")
     if picture is not None:
         picture.parent.mkdir(parents=True, exist_ok=True)
         sheet(made, model, picture)

@@ -28,6 +28,7 @@ from physretarget.report.markdown import render_markdown
 from physretarget.report.rules import render_rule, render_rules
 from physretarget.report.sarif import render_sarif
 from physretarget.report.text import render_text
+from physretarget.report.words import count
 from physretarget.validation import (
     BY_CODE,
     RULES,
@@ -54,20 +55,29 @@ _SUFFIX = {"text": "txt", "sarif": "sarif", "junit": "xml", "markdown": "md"}
     example="physretarget validate walk.csv --model g1.xml --fps 30 --profile robot --lowpass 6",
 )
 def validate_command(
-    clips: Annotated[list[Path], typer.Argument(metavar="CLIP...")],
+    clips: Annotated[
+        list[Path], typer.Argument(metavar="CLIP...", help="Clips, or folders of them.")
+    ],
     model: Annotated[
         Path, typer.Option("--model", metavar="MODEL.xml", help="The clips' MJCF file.")
     ],
-    fps: Annotated[float | None, typer.Option("--fps", help="Of clips without a header.")] = None,
+    fps: Annotated[
+        float | None,
+        typer.Option("--fps", help="Frames per second of files that do not say.", metavar="FPS"),
+    ] = None,
     quat: Annotated[
         str | None,
-        typer.Option("--quat", help="Quaternion order.", **complete(("wxyz", "xyzw"))),
+        typer.Option("--quat", help="Their quaternion order.", **complete(("wxyz", "xyzw"))),
+    ] = None,
+    unit: Annotated[
+        str | None,
+        typer.Option("--unit", help="Their length unit, if not m.", metavar="m|cm|mm|inch"),
     ] = None,
     config: Annotated[
         Path | None, typer.Option("--config", help="Rules and thresholds.", metavar="FILE.toml")
     ] = None,
     profile: Annotated[
-        str | None, typer.Option("--profile", help="animation is default.", **complete(PROFILES))
+        str | None, typer.Option("--profile", help="Thresholds [animation].", **complete(PROFILES))
     ] = None,
     lowpass: Annotated[
         float | None, typer.Option("--lowpass", help="Low-pass before judging.", metavar="HZ")
@@ -77,21 +87,33 @@ def validate_command(
         typer.Option("--also", help="Other tools' numbers too.", **complete(("literature",))),
     ] = None,
     baseline: Annotated[
-        Path | None, typer.Option("--baseline", help="Findings accepted earlier.")
+        Path | None,
+        typer.Option("--baseline", help="Findings accepted earlier.", metavar="FILE.json"),
     ] = None,
     accept: Annotated[
-        Path | None, typer.Option("--accept", help="Write today's findings as a baseline.")
+        Path | None,
+        typer.Option("--accept", help="Write findings as a baseline.", metavar="FILE.json"),
     ] = None,
-    format_: Annotated[str, typer.Option("--format", **complete(FORMATS))] = "text",
-    fail_on: Annotated[str, typer.Option("--fail-on", **complete(("error", "warning")))] = "error",
+    format_: Annotated[
+        str, typer.Option("--format", help="Of the report.", **complete(FORMATS))
+    ] = "text",
+    fail_on: Annotated[
+        str,
+        typer.Option(
+            "--fail-on", help="What makes the exit code 1.", **complete(("error", "warning"))
+        ),
+    ] = "error",
     out: Annotated[
-        Path | None, typer.Option("--out", help="File, or a folder for several clips.")
+        Path | None,
+        typer.Option("--out", help="Report file; for several clips a folder.", metavar="PATH"),
     ] = None,
     joint_order: Annotated[
         str | None,
         typer.Option("--joint-order", help="Of files without names.", **complete(ORDERS)),
     ] = None,
-    jobs: Annotated[int, typer.Option("--jobs", help="Clips judged at a time.", min=1)] = 1,
+    jobs: Annotated[
+        int, typer.Option("--jobs", help="Clips judged at a time.", min=1, metavar="N")
+    ] = 1,
 ) -> None:
     """Judge clips, or all clips of a folder, by physics.
 
@@ -105,7 +127,7 @@ def validate_command(
     several = len(clips) > 1 or clips[0].is_dir()
     job = _Job(
         model=model, settings=settings, accepted=load_baseline(baseline) if baseline else None,
-        format=format_, fps=fps, quat=quat, order=cast("JointOrder | None", joint_order),
+        format=format_, fps=fps, quat=quat, unit=unit, order=cast("JointOrder | None", joint_order),
     )  # fmt: skip
     _character(model)  # a broken model is one error, not one for every clip
     reports: list[Report] = []
@@ -122,7 +144,7 @@ def validate_command(
         pages.append(outcome)
     if accept is not None:
         save_baseline(reports, accept)
-        say(f"{accept}: {sum(len(r.findings) for r in reports)} findings accepted.")
+        say(f"{accept}: {count(sum(len(r.findings) for r in reports), 'finding')} accepted.")
     _put(pages, format_, out, folder=several)
     if unusable:
         raise typer.Exit(2)
@@ -149,6 +171,7 @@ class _Job:
     format: str
     fps: float | None
     quat: str | None
+    unit: str | None
     order: JointOrder | None
 
 
@@ -166,7 +189,9 @@ def _character(model: Path) -> Character:
 
 def _judge(path: Path, job: _Job, progress: Callable[[int, int], None] | None = None) -> _Outcome:
     character = _character(job.model)
-    clip = open_clip(path, character=character, fps=job.fps, quat=job.quat, joint_order=job.order)
+    clip = open_clip(
+        path, character=character, fps=job.fps, quat=job.quat, joint_order=job.order, unit=job.unit
+    )
     report = validate(clip, character, settings=job.settings, progress=progress)
     if job.accepted is not None:
         report = apply_baseline(report, job.accepted)
@@ -270,7 +295,7 @@ def _put(pages: list[_Outcome], format_: str, out: Path | None, *, folder: bool)
 
 def _verdict(report: Report) -> str:
     told = "passed" if report.passed else "failed"
-    return f"{told}, {report.errors} errors, {report.warnings} warnings."
+    return f"{told}, {count(report.errors, 'error')}, {count(report.warnings, 'warning')}."
 
 
 @command(app, "rules", example="physretarget rules DYN001")
@@ -278,7 +303,9 @@ def rules_command(
     code: Annotated[
         str | None,
         typer.Argument(
-            autocompletion=lambda incomplete: [c for c in BY_CODE if c.startswith(incomplete)]
+            metavar="[CODE]",
+            help="One rule.",
+            autocompletion=lambda incomplete: [c for c in BY_CODE if c.startswith(incomplete)],
         ),
     ] = None,
 ) -> None:
@@ -294,7 +321,7 @@ def rules_command(
 
 @command(app, "inspect", example="physretarget inspect models/lamp.xml")
 def inspect_command(
-    model: Annotated[Path, typer.Argument(metavar="MODEL.xml")],
+    model: Annotated[Path, typer.Argument(metavar="MODEL.xml", help="Its MJCF file.")],
 ) -> None:
     """Audit a character: mass, inertia, geometry, limits."""
     character = Character.load(model)
@@ -309,4 +336,4 @@ def inspect_command(
     for fact in facts:
         where = f"{fact.subject} {fact.name}: " if fact.subject != "model" and fact.name else ""
         typer.echo(f"{fact.key}: {where}{fact.message}")
-    say(f"{len(facts)} {'remark' if len(facts) == 1 else 'remarks'}.")
+    say(f"{count(len(facts), 'remark')}.")

@@ -13,6 +13,7 @@ from physretarget.clip import gmr, locomujoco, mjlab, own, plain, table
 from physretarget.clip.arrays import MAX_BYTES, Members, npy_frames
 from physretarget.clip.core import Clip, LongClip
 from physretarget.clip.raw import JointOrder, Layout, Raw, Told, finish, order_of
+from physretarget.clip.unit import unit_scale
 from physretarget.errors import InputError
 
 CLIP_SUFFIXES = (".npz", ".npy", ".csv", ".pkl")
@@ -25,16 +26,18 @@ def load_clip(
     fps: float | None = None,
     quat: str | None = None,
     joint_order: JointOrder | None = None,
+    unit: str | None = None,
 ) -> Clip:
     """Read a clip, ours or another tool's.
 
     With a ``character`` the joints are checked and ordered by name, quaternions found and
-    repaired. ``fps``, ``quat`` ("wxyz" or "xyzw") and ``joint_order`` say what a file does
-    not. Raises InputError for anything that cannot be used, UnsafeInputError for a file that
-    tries to run code or claims absurd sizes.
+    repaired. ``fps``, ``quat`` ("wxyz" or "xyzw"), ``joint_order`` and ``unit`` (m, cm, mm, inch or
+    metres per unit, of the root's position and of slides) say what a file does not. Raises
+    InputError for anything that cannot be used, UnsafeInputError for a file that tries to run code
+    or claims absurd sizes.
     """
     return open_clip(
-        path, character=character, fps=fps, quat=quat, joint_order=joint_order
+        path, character=character, fps=fps, quat=quat, joint_order=joint_order, unit=unit
     ).whole()  # fmt: skip
 
 
@@ -45,13 +48,14 @@ def open_clip(
     fps: float | None = None,
     quat: str | None = None,
     joint_order: JointOrder | None = None,
+    unit: str | None = None,
 ) -> LongClip:
     """The same as :func:`load_clip`, its poses read when asked for: for clips of any length.
 
     npz, npy and csv are read some frames at a time, poses of long clips set aside in a temporary
     file. A pickle is one piece and is read as such.
     """
-    told = Told(fps=fps, quat=order_of(quat), joint_order=joint_order)
+    told = Told(fps=fps, quat=order_of(quat), joint_order=joint_order, scale=unit_scale(unit))
     source = Path(path)
     suffix = source.suffix.lower()
     if suffix not in CLIP_SUFFIXES:

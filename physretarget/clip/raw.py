@@ -45,11 +45,15 @@ class Layout(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Told:
-    """What the user said about a file, None where nothing was said."""
+    """What the user said about a file, None where nothing was said.
+
+    ``scale``: metres per unit of the file's lengths.
+    """
 
     fps: float | None = None
     quat: QuatOrder | None = None
     joint_order: JointOrder | None = None
+    scale: float | None = None
 
     def __post_init__(self) -> None:
         if self.fps is not None and not (np.isfinite(self.fps) and 0 < self.fps <= 1e5):
@@ -99,7 +103,8 @@ def finish(raw: Raw, character: Layout | None, told: Told) -> LongClip:
     if wanted == "xyzw":
         for quat in quats:
             columns[quat] = columns[np.roll(quat, 1)]
-    rows = _arranged(raw, columns, quats, notes)
+    lengths = _lengths(raw, character)
+    rows = _arranged(raw, columns, quats, (lengths, told.scale), notes)
     names = raw.joints or ()
     if character is not None:
         names = tuple(character.joint_names)
@@ -121,17 +126,26 @@ def finish(raw: Raw, character: Layout | None, told: Told) -> LongClip:
 
 
 def _arranged(
-    raw: Raw, columns: NDArray[np.int64], quats: NDArray[np.int64], notes: list[str]
+    raw: Raw,
+    columns: NDArray[np.int64],
+    quats: NDArray[np.int64],
+    unit: tuple[NDArray[np.int64], float | None],
+    notes: list[str],
 ) -> Rows:
-    """The file's columns in the order of the clip, quaternions of unit length."""
-    if len(quats) == 0 and (columns == np.arange(raw.rows.width)).all():
+    """The file's columns in the order of the clip, in metres, quaternions of unit length."""
+    metric, scale = unit
+    if scale is None and len(quats) == 0 and (columns == np.arange(raw.rows.width)).all():
         return raw.rows
     lengths = Lengths(path=raw.path)
+    if scale is not None:
+        notes.append(f"Positions are read as told, {scale:g} m to the unit.")
 
     def parts() -> Iterator[Floats]:
         for first, part in raw.rows.parts():
             qpos = part[:, columns]
             lengths.repair(qpos, quats, first)
+            if scale is not None:
+                qpos[:, metric] *= scale
             yield qpos
 
     rows = Rows(parts(), len(columns))
@@ -251,6 +265,17 @@ def _quaternions(raw: Raw, character: Layout | None) -> NDArray[np.int64]:
     if raw.rooted and raw.rows.width >= 7:
         return np.arange(3, 7, dtype=np.int64)[None]
     return np.zeros((0, 4), dtype=np.int64)
+
+
+def _lengths(raw: Raw, character: Layout | None) -> NDArray[np.int64]:
+    """The clip's coordinates that are lengths: positions of free joints, and slides."""
+    if character is None:
+        return np.arange(3 if raw.rooted and raw.rows.width >= 7 else 0)
+    found: list[int] = []
+    for joint in character.tree.joints:
+        if joint.kind in ("free", "slide"):
+            found += range(joint.qpos, joint.qpos + (3 if joint.kind == "free" else 1))
+    return np.array(found, dtype=np.int64)
 
 
 def _quaternion_order(

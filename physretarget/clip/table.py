@@ -23,6 +23,8 @@ _TIME = ("time", "t", "time_s", "timestamp")
 _COUNT = ("frame", "frame#", "frames", "index", "idx")
 # 40 000 numbers of 25 digits: a line beyond is no frame, and reading it whole might not end.
 _LONGEST_LINE = 1 << 20
+# Comments stand at a file's beginning.
+_COMMENTS = 1000
 
 Lines = Iterator[tuple[int, str]]
 
@@ -33,6 +35,10 @@ def read(file: IO[bytes], *, path: str, sha256: str) -> Raw:
     first = next(lines, None)
     if first is None:
         raise InputError("the file is empty.", path=path)
+    first = (
+        first[0],
+        first[1].lstrip().lstrip("#"),
+    )  # numpy.savetxt writes its header as a comment
     cells = _split(first[1])
     header = None if all(_number(c) is not None for c in cells) else cells
     parts = _parts(lines if header is not None else chain([first], lines), path)
@@ -71,9 +77,12 @@ def _without_time(parts: Iterator[Floats], times: list[Floats]) -> Iterator[Floa
 
 
 def _lines(file: IO[bytes], path: str) -> Lines:
-    """Number (from 1) and text of every line that is not empty."""
+    """Number (from 1) and text of every line that is not empty, nor a comment.
+
+    A comment right above the numbers is kept: it may be their header.
+    """
     text = io.TextIOWrapper(file, encoding="utf-8-sig")
-    number = 0
+    number, comment = 0, None
     try:
         while line := text.readline(_LONGEST_LINE):
             number += 1
@@ -81,7 +90,12 @@ def _lines(file: IO[bytes], path: str) -> Lines:
                 raise InputError(
                     f"the line is longer than {_LONGEST_LINE} characters.", path=path, line=number
                 )
-            if line.strip():
+            if line.lstrip().startswith("#"):
+                comment = (number, line) if number <= _COMMENTS else None
+            elif line.strip():
+                if comment is not None and _is_header(comment[1], line):
+                    yield comment
+                comment = None
                 yield number, line
     except UnicodeDecodeError as error:
         raise InputError("is not text (UTF-8).", path=path) from error
@@ -118,9 +132,21 @@ def _row(line: str, number: int, path: str) -> list[float]:
     return [v for v in row if v is not None]
 
 
+def _is_header(comment: str, line: str) -> bool:
+    """Whether a comment names the numbers of the next line."""
+    names = _split(comment.lstrip().lstrip("#"))
+    return len(names) == len(_split(line)) and all(_number(name) is None for name in names)
+
+
 def _split(line: str) -> list[str]:
-    separator = "," if "," in line else (";" if ";" in line else None)
-    return [cell.strip().strip('"') for cell in line.split(separator)]
+    """Cells between semicolons (numbers may then have decimal commas), commas or blanks."""
+    if ";" in line:
+        cells = line.replace(",", ".").split(";")
+    else:
+        cells = line.split("," if "," in line else None)
+    if len(cells) > 1 and not cells[-1].strip():
+        cells.pop()  # a separator at the end of every line
+    return [cell.strip().strip('"') for cell in cells]
 
 
 def _number(text: str) -> float | None:

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from physretarget.report.words import count
 from physretarget.validation.report import Finding, Report
 
 _STYLE = {"error": "bold red", "warning": "yellow"}
@@ -24,6 +25,7 @@ def render_text(report: Report, *, width: int = 110, color: bool = False, most: 
         file=out, width=width, force_terminal=color, no_color=not color, highlight=False,
         color_system="standard" if color else None,
     )  # fmt: skip
+    _verdict(console, report)
     _head(console, report)
     if report.findings:
         console.print(_findings(report, most))
@@ -38,8 +40,7 @@ def render_text(report: Report, *, width: int = 110, color: bool = False, most: 
 def _head(console: Console, report: Report) -> None:
     clip, model, used = report.clip, report.model, report.settings
     console.print(
-        f"[bold]{escape(clip.path)}[/]  {clip.frames} frames, {clip.duration_s:.2f} s, "
-        f"{clip.fps:.4g} frames/s"
+        f"{count(clip.frames, 'frame')}, {clip.duration_s:.2f} s, {clip.fps:.4g} frames/s"
     )
     console.print(
         f"{escape(model.path)}  {model.mass_kg:.4g} kg, CoM height {model.com_height_m:.3g} m"
@@ -68,12 +69,12 @@ def _findings(report: Report, most: int) -> Table:
             f"[{style}]{finding.severity}[/]", f"[{style}]{finding.code}[/]", _frames(finding),
             _look(finding), escape(finding.message),
         )  # fmt: skip
-    for (code, severity), count in shown.items():
-        if count > most:
+    for (code, severity), number in shown.items():
+        if number > most:
             style = _STYLE[severity]
             table.add_row(
                 f"[{style}]{severity}[/]", f"[{style}]{code}[/]", "", "",
-                f"and {count - most} more of these",
+                f"and {number - most} more of these",
             )  # fmt: skip
     return table
 
@@ -127,10 +128,6 @@ def _verdict(console: Console, report: Report) -> None:
     accepted = f", {report.accepted} accepted by the baseline" if report.accepted else ""
     style, word = ("bold green", "passed") if report.passed else ("bold red", "failed")
     console.print(
-        f"[{style}]{word}[/]: {_count(report.errors, 'error')}, "
-        f"{_count(report.warnings, 'warning')}{accepted}"
+        f"[bold]{escape(report.clip.path)}[/] [{style}]{word}[/]: {count(report.errors, 'error')}, "
+        f"{count(report.warnings, 'warning')}{accepted}"
     )
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}{'' if number == 1 else 's'}"

@@ -70,6 +70,11 @@ def number(value: Any, digits: int = 3) -> str:
     return text.replace("-", "−")
 
 
+def count(things: int, noun: str) -> str:
+    """``1 error``, ``2 errors``: regular nouns only."""
+    return f"{things} {noun}{'' if things == 1 else 's'}"
+
+
 def quantity(value: Any, unit: str) -> tuple[str, str]:
     """Value and unit as read: fractions in per cent, small lengths in mm."""
     if isinstance(value, int | float) and not isinstance(value, bool):

@@ -21,7 +21,7 @@ Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 Series = dict[str, NDArray[np.generic]]
 
-# A body bears load above this share of body weight and of what is borne in all.
+# Sliding counts of bodies that bear more than this share of body weight and of all that is borne.
 LOADED_BW, LOADED_SHARE = 0.1, 0.25
 # Sliding is braked when friction takes this share of the power that the cone allows.
 BRAKED = 0.7
@@ -192,30 +192,45 @@ def prices(support: Support, speed: Floats, tolerance: float) -> Floats:
 def skate(support: Support, force: Floats, velocity: Floats, friction: float) -> Series:
     """Sliding of loaded bodies: ``skate`` (T,) m/s of the fastest, and ``skate_body``.
 
-    A body slides as fast as its slowest loaded point, so that rolling over the toes or
-    turning about the heel is no sliding. ``skate_free`` counts only sliding that friction
-    does not brake: a body that skids to a halt with its force on the edge of the cone,
-    against the motion, does what physics asks of it.
+    A body slides as fast as its slowest loaded point, so that rolling over the toes or turning
+    about the heel is no sliding. Bodies that slide must together bear enough. ``skate_free`` counts
+    only sliding that friction does not brake: a body that skids to a halt with its force on the
+    edge of the cone, against the motion, does what physics asks of it.
     """
-    frames = len(force)
     speed = np.linalg.norm(velocity, axis=2)
     total = force[..., 2].sum(axis=1)
-    worst, free = np.zeros(frames), np.zeros(frames)
-    body = np.zeros(frames, dtype=np.int64)
-    for candidate in support.bodies:
+    loads, slides, frees = (np.zeros((len(force), len(support.bodies))) for _ in range(3))
+    for k, candidate in enumerate(support.bodies):
         mine = support.own & (support.body == candidate)
         normal = np.where(mine, force[..., 2], 0.0)
-        load = normal.sum(axis=1)
+        loads[:, k] = load = normal.sum(axis=1)
         bearing = mine & (normal > 0.01 * load[:, None])
         slowest = np.where(bearing, speed, np.inf).min(axis=1, initial=np.inf)
-        loaded = (load > LOADED_BW) & (load > LOADED_SHARE * total) & np.isfinite(slowest)
-        slides = np.where(loaded, slowest, 0.0)
+        slides[:, k] = np.where(np.isfinite(slowest), slowest, 0.0)
         power = np.where(mine[..., None], force[..., :2] * velocity, 0.0).sum(axis=(1, 2))
         most = friction * (normal * speed).sum(axis=1)
-        free = np.maximum(free, np.where(power < -BRAKED * most, 0.0, slides))
-        body[slides > worst] = candidate
-        worst = np.maximum(worst, slides)
-    return {"skate": worst, "skate_free": free, "skate_body": body}
+        frees[:, k] = np.where(power < -BRAKED * most, 0.0, slides[:, k])
+    enough = np.maximum(LOADED_BW, LOADED_SHARE * total)
+    worst, column = _fastest_bearing(slides, loads, enough)
+    free, _ = _fastest_bearing(frees, loads, enough)
+    body = support.bodies[column] if len(support.bodies) else np.zeros(len(force), dtype=np.int64)
+    return {"skate": worst, "skate_free": free, "skate_body": np.where(worst > 0, body, 0)}
+
+
+def _fastest_bearing(speed: Floats, load: Floats, enough: Floats) -> tuple[Floats, Ints]:
+    """(T,) the highest speed that bodies (T, B) reach which together bear ``enough`` (T,), and
+    the column of the body that has it.
+
+    One foot that bears a quarter of the weight, or four of a snake's links with a tenth each.
+    """
+    if speed.shape[1] == 0:
+        return np.zeros(len(speed)), np.zeros(len(speed), dtype=np.int64)
+    order = np.argsort(-speed, axis=1, kind="stable")
+    rows = np.arange(len(speed))
+    borne = np.cumsum(np.take_along_axis(load, order, axis=1), axis=1)
+    reached = borne > enough[:, None]
+    column = order[rows, reached.argmax(axis=1)]
+    return np.where(reached.any(axis=1), speed[rows, column], 0.0), column
 
 
 def arrows(support: Support, force: Floats) -> Series:

@@ -99,6 +99,11 @@ def _(biped, hop, standing):  # type: ignore[no-untyped-def]
     return posed(standing, **{f"q{i}": lambda q, t: 100 * q for i in range(3)}), biped
 
 
+@fires("DAT007")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    return posed(hop, **{f"q{i}": lambda q, t: np.degrees(q) for i in range(7, 13)}), biped
+
+
 @fires("MDL001")
 def _(biped, hop, standing):  # type: ignore[no-untyped-def]
     return odd(first=f'<inertial pos="0 0 0" mass="1" diaginertia="5 5 5"/>{BOX}')

@@ -2,11 +2,11 @@
 
 What it does
 ------------
-Tangential speed, between frames in both of which it touches, of every body that bears more than 10
-% of body weight (and a quarter of what is borne) in the fitted contact forces, taken at its
-slowest loaded point, so that rolling over the toes or turning on the heel is no sliding. A body
-that friction brakes, its force on the edge of the cone and against the motion, skids as physics
-has it and is not counted.
+Tangential speed, between frames in both of which they touch, of bodies that together bear more than
+10 % of body weight (and a quarter of what is borne) in the fitted contact forces: one foot, or
+several links of a snake. A body's speed is that of its slowest loaded point, so that rolling over
+the toes or turning on the heel is no sliding. A body that friction brakes, its force on the edge of
+the cone and against the motion, skids as physics has it and is not counted.
 
 Why it matters
 --------------

@@ -44,12 +44,12 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     if ratio <= limits["warning"]:
         return Verdict()
     severe = ratio > limits["error"]
-    unit, factor = ("millimetres", 1000) if ratio >= _MILLIMETRES else ("centimetres", 100)
+    unit, short = ("millimetres", "mm") if ratio >= _MILLIMETRES else ("centimetres", "cm")
     return Verdict(findings=(rule.finding(
         severity="error" if severe else "warning",
         message=f"the root's median height is {median:.4g} m, {ratio:.3g} times the height of "
-        f"{character.name} ({character.height:.3g} m): if its position is in {unit}, divide it by "
-        f"{factor}, a clip is in metres",
+        f"{character.name} ({character.height:.3g} m): if its position is in {unit}, read the clip "
+        f"with --unit {short}",
         value=ratio, limit=limits["error" if severe else "warning"], unit="heights",
     ),))  # fmt: skip
 
