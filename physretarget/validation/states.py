@@ -16,6 +16,8 @@ Floats = NDArray[np.float64]
 FLOAT_BW = 0.3
 # A stretch in the air that needs support for longer than this floats as a whole.
 _FLOATS_S = 0.05
+# A tenth of a second is three frames at 30 frames/s, however the rate was rounded.
+_ROUNDING = 1e-3
 
 
 def airborne(analysis: Analysis) -> Bools:
@@ -79,6 +81,6 @@ def chatter(analysis: Analysis, shortest_s: float) -> Bools:
     flags = np.zeros(len(touch), dtype=bool)
     for column in touch.T:
         changes = np.flatnonzero(np.diff(column)) + 1
-        short = np.diff(changes) < shortest_s * analysis.fps
+        short = np.diff(changes) < shortest_s * analysis.fps - _ROUNDING
         flags[changes[:-1][short]] = True
     return flags

@@ -17,6 +17,7 @@ from physretarget.mjcf import Character
 from physretarget.validation.analysis import Analysis, Progress, analyse
 from physretarget.validation.codes import RULES
 from physretarget.validation.config import Settings
+from physretarget.validation.grid import MEASURED_HZ
 from physretarget.validation.literature import literature
 from physretarget.validation.measures import measures
 from physretarget.validation.report import (
@@ -31,6 +32,7 @@ from physretarget.validation.report import (
 from physretarget.validation.series import Shown
 
 DERIVATIVE = "central differences, second order"
+MEASURED = f"; measures at {MEASURED_HZ:g} frames/s"
 # Per-frame arrays that timelines show, by the names they have there.
 _SERIES = {
     "unexplained_force_bw": "unexplained_force",
@@ -139,7 +141,7 @@ def _used(analysis: Analysis) -> UsedSettings:
     return UsedSettings(
         profile=analysis.settings.profile,
         lowpass_hz=analysis.settings.lowpass_hz,
-        derivative=DERIVATIVE,
+        derivative=DERIVATIVE + (MEASURED if analysis.coarse else ""),
         contact_tolerance_m=analysis.tolerance,
         friction=analysis.friction,
         floor_height_m=analysis.character.floor_height,
