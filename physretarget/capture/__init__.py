@@ -45,7 +45,7 @@ def detect_format(path: str | Path) -> str:
         raise InputError("An ASF file is a skeleton alone: give the AMC motion.", path=path)
     if text.upper().startswith(b"HIERARCHY"):
         return "bvh"
-    if text.startswith(b"PathFileType"):
+    if text.lower().startswith(b"pathfiletype"):
         return "trc"
     if len(head) > 1 and head[1] == 0x50 and ending != ".txt":
         return "c3d"

@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from physretarget.capture.recording import Floats, JointRecording, sha256_of
 from physretarget.capture.skeleton import Raw, chain_positions, finish
+from physretarget.capture.text import decoded
 from physretarget.errors import InputError
 
 _FPS = 120.0  # AMC files don't say; the CMU database's are 120 Hz
@@ -85,9 +86,9 @@ def read_amc(
     frames = _parse_amc(_lines(content, path), rig, path)
     position, rotation = _assemble(rig, frames)
     notes = [f"skeleton from {asf.name}", f"frame rate taken as {_FPS:g}: AMC files don't say"]
-    if unit is None and 0 < rig.length_unit != 1.0:
-        unit = "cmu" if rig.length_unit == 0.45 else repr(_INCH / rig.length_unit)
-        notes.append(f"unit from the skeleton: 1/{rig.length_unit:g} inch")
+    stated = None
+    if rig.length_unit != 1.0:  # which is what writers put who do not say
+        stated = "cmu" if rig.length_unit == 0.45 else repr(_INCH / rig.length_unit)
     raw = Raw(
         path=str(path),
         sha256=sha256_of(content),
@@ -99,13 +100,14 @@ def read_amc(
         rotation=rotation,
         end_sites=_ends(rig),
         notes=tuple(notes),
+        unit=stated,
     )
     return finish(raw, unit=unit, up=up)
 
 
 def _lines(content: bytes, path: Path) -> list[tuple[int, list[str]]]:
     """Line numbers and words, comments and blank lines left out."""
-    text = content.decode("utf-8-sig", errors="replace")
+    text = decoded(content)
     if not text.strip():
         raise InputError("The file is empty.", path=path)
     lines = []

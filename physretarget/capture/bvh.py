@@ -17,9 +17,9 @@ import numpy as np
 
 from physretarget.capture.bvh_hierarchy import Hierarchy, parse_hierarchy
 from physretarget.capture.bvh_motion import parse_motion
-from physretarget.capture.decimals import plain_numbers
 from physretarget.capture.recording import Floats, JointRecording, sha256_of
 from physretarget.capture.skeleton import Raw, chain_positions, finish, nice_rate
+from physretarget.capture.text import decoded, plain_numbers
 from physretarget.errors import InputError
 
 
@@ -51,9 +51,7 @@ def read_bvh(path: str | Path, *, unit: str | None = None, up: str | None = None
 
 def _parse(content: bytes, path: str | Path) -> tuple[Hierarchy, float, Floats, tuple[str, ...]]:
     """Skeleton, frame time, the channels' values (T, channels), and what was odd."""
-    wide = content.startswith((b"\xff\xfe", b"\xfe\xff"))  # as Windows' editors save "Unicode"
-    text = content.decode("utf-16" if wide else "utf-8-sig", errors="replace")
-    text = text.rstrip("\x00\x1a")  # padding, and DOS' end of file
+    text = decoded(content).rstrip("\x00\x1a")  # padding, and DOS' end of file
     if not text.strip():
         raise InputError("The file is empty.", path=path)
     if "\r" in text:

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from physretarget.capture.decimals import plain_numbers
 from physretarget.capture.recording import Floats
+from physretarget.capture.text import plain_numbers
 from physretarget.errors import InputError
 
 _CHANNEL = re.compile(r"([xyz])(position|rotation)$", re.IGNORECASE)

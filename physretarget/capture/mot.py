@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from physretarget.capture.decimals import plain_numbers
 from physretarget.capture.marker_file import read_bytes
 from physretarget.capture.recording import Floats
 from physretarget.capture.skeleton import to_world
+from physretarget.capture.text import decoded, plain_numbers
 from physretarget.errors import InputError
 
 # "ground_force_1_vx", "1_ground_force_px", "ground_force_r_vz", "ground_torque_x", "ground_1_mx"
@@ -44,7 +44,7 @@ def read_mot(path: str | Path, *, up: str = "y") -> tuple[GroundForce, ...]:
     ``up`` is the file's up axis (OpenSim's is y), as for the markers recorded with it.
     Raises InputError, with the line, for a broken table or one without ground forces.
     """
-    lines = read_bytes(path).decode("utf-8", errors="replace").splitlines()
+    lines = decoded(read_bytes(path)).splitlines()
     names, first = _columns(lines, path)
     lines[first:], _ = plain_numbers(lines[first:])
     table = _table(lines, first, len(names), path)

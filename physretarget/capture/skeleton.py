@@ -22,7 +22,8 @@ UNITS: Mapping[str, float] = {
 }
 # Thigh + shank of a 1.75 m adult: 0.245 + 0.246 of height (Winter 2009, table 4.1).
 _LEG = 0.491 * 1.75
-_LEG_RANGE = 1.6  # a leg this many times longer or shorter fits none of the known units
+_LEG_RANGE = (1 / 2.2, 1.45)  # legs from a toddler's to a giant's; others fit no known unit
+_STATED_RANGE = 4.0  # and the unit that a file states is wrong
 
 _TO_WORLD: Mapping[str, NDArray[np.float64]] = {
     # columns: where the file's x, y, z go; y up facing z becomes z up facing x
@@ -37,7 +38,10 @@ _TO_WORLD: Mapping[str, NDArray[np.float64]] = {
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Raw:
-    """A skeleton in its file's unit and axes; see JointRecording for the arrays."""
+    """A skeleton in its file's unit and axes; see JointRecording for the arrays.
+
+    ``unit`` is what the file says of itself, None where it is silent.
+    """
 
     path: str
     sha256: str
@@ -49,6 +53,7 @@ class Raw:
     rotation: Floats
     end_sites: Mapping[str, tuple[int, Floats]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    unit: str | None = None
 
 
 def to_world(up: str) -> Floats:
@@ -94,13 +99,20 @@ def _leg_length(raw: Raw, body: Body) -> float | None:
 
 
 def guess_unit(raw: Raw, body: Body) -> tuple[str, float, str]:
-    """Name, metres per unit and a sentence: the known unit with the most human leg length."""
+    """Name, metres per unit and a sentence.
+
+    The unit that the file states unless it makes a leg of nobody's; else the known one with the
+    most human leg.
+    """
     leg = _leg_length(raw, body)
+    if raw.unit is not None:
+        scale = unit_scale(raw.unit)
+        if leg is None or 1 / _STATED_RANGE <= leg * scale / _LEG <= _STATED_RANGE:
+            return raw.unit, scale, f"unit as the file says: {raw.unit}"
     if leg is None:
         return "cm", 0.01, "unit taken as cm: no leg to measure was recognised"
-    unit, scale = min(UNITS.items(), key=lambda item: abs(np.log(leg * item[1] / _LEG)))
-    ratio = leg * scale / _LEG
-    if 1 / _LEG_RANGE <= ratio <= _LEG_RANGE:
+    unit, scale = min(UNITS.items(), key=lambda item: _oddness(leg * item[1]))
+    if _LEG_RANGE[0] <= leg * scale / _LEG <= _LEG_RANGE[1]:
         return unit, scale, f"unit guessed as {unit}: thigh and shank measure {leg * scale:.2f} m"
     scale = _LEG / leg
     return (
@@ -109,6 +121,12 @@ def guess_unit(raw: Raw, body: Body) -> tuple[str, float, str]:
         f"no known unit fits a leg of {leg:.4g} file units: scaled by {scale:.4g} to the leg "
         "of a 1.75 m adult; tell the unit to do better",
     )
+
+
+def _oddness(leg: float) -> float:
+    """How unlike a human's a leg (m) is: children are common, giants are not."""
+    ratio = float(np.log(leg / _LEG))
+    return -ratio if ratio < 0 else 2.5 * ratio
 
 
 def guess_up(raw: Raw, body: Body) -> tuple[str, str]:

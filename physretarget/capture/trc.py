@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from physretarget.capture.decimals import plain_numbers
 from physretarget.capture.marker_file import RawMarkers, finish, read_bytes
 from physretarget.capture.recording import Floats, MarkerRecording
+from physretarget.capture.text import decoded, plain_numbers
 from physretarget.errors import InputError
 
 _MOST_MARKERS = 2000
@@ -36,7 +36,7 @@ def read_trc(
     and where the file holds fewer frames than it promises.
     """
     content = read_bytes(path)
-    lines = content.decode("utf-8", errors="replace").splitlines()
+    lines = decoded(content).splitlines()
     header = _header(lines, path)
     lines[header.first :], odd = plain_numbers(lines[header.first :])
     time, values = _rows(lines, header, path)
@@ -46,8 +46,9 @@ def read_trc(
             path=path,
             line=len(lines),
         )
+    time, late = _seconds(header, time)
     fps, position, notes = _uniform(header, time, values, path)
-    notes = [*odd, *notes]
+    notes = [*odd, *late, *notes]
     if header.frames is not None and len(values) > header.frames:
         notes.append(f"the header promises {header.frames} frames; all {len(values)} were read")
     raw = RawMarkers(
@@ -68,7 +69,7 @@ def read_trc(
 
 def _header(lines: list[str], path: str | Path) -> _Header:
     start = next((i for i, line in enumerate(lines) if line.strip()), None)
-    if start is None or not lines[start].lstrip("\ufeff").startswith("PathFileType"):
+    if start is None or not lines[start].lower().startswith("pathfiletype"):
         raise InputError(
             "this is not a TRC file: it must begin with PathFileType", path=path, line=1
         )
@@ -140,9 +141,9 @@ def _row(line: str, width: int, path: str | Path, number: int) -> list[float]:
             line=number,
         )
     try:
-        values = [float(cell) if cell else np.nan for cell in cells]
+        values = [_value(cell) for cell in cells]
     except ValueError:
-        wrong = next(cell for cell in cells if cell and not _is_number(cell))
+        wrong = next(cell for cell in cells if not _is_number(cell))
         raise InputError(f"{wrong[:40]!r} is not a number", path=path, line=number) from None
     if not np.isfinite(values[1]):
         raise InputError("the time is missing", path=path, line=number)
@@ -150,12 +151,24 @@ def _row(line: str, width: int, path: str | Path, number: int) -> list[float]:
     return values + [np.nan] * (width - len(values))
 
 
+def _value(cell: str) -> float:
+    # Windows prints "1.#QNAN" and "-1.#IND" where there is no number.
+    return float(cell) if cell and "#" not in cell else np.nan
+
+
 def _is_number(cell: str) -> bool:
     try:
-        float(cell)
+        _value(cell)
     except ValueError:
         return False
     return True
+
+
+def _seconds(header: _Header, time: Floats) -> tuple[Floats, tuple[str, ...]]:
+    """The times in seconds: DataRate tells where the column counts milliseconds."""
+    if len(time) > 1 and abs(header.fps * np.median(np.diff(time)) / 1000 - 1) < 0.02:
+        return time / 1000, ("the time column counts milliseconds",)
+    return time, ()
 
 
 def _uniform(

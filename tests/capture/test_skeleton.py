@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -30,7 +32,7 @@ def standing(height: float, scale: float, up: str, frames: int = 5) -> Raw:
 
 
 @pytest.mark.parametrize("unit", UNITS)
-@pytest.mark.parametrize("height", [1.45, 1.75, 2.0])
+@pytest.mark.parametrize("height", [1.0, 1.45, 1.75, 2.0])
 @pytest.mark.parametrize("up", ["x", "y", "z"])
 def test_unit_and_up_axis_are_found_and_stated(unit: str, height: float, up: str) -> None:
     got = finish(standing(height, UNITS[unit], up), unit=None, up=None)
@@ -41,6 +43,13 @@ def test_unit_and_up_axis_are_found_and_stated(unit: str, height: float, up: str
     motion = fit_joints(got)
     np.testing.assert_allclose(motion.shape.leg_length, 0.53 * height, rtol=0.03)
     np.testing.assert_allclose(np.abs(motion.qpos[:, 7::4]), 1.0, atol=1e-6)
+
+
+@pytest.mark.parametrize(("stated", "found"), [("inch", "inch"), ("0.05", "0.05"), ("m", "cm")])
+def test_the_file_s_own_word_holds_unless_it_makes_a_giant(stated: str, found: str) -> None:
+    scale = 0.01 if found == "cm" else 0.03
+    got = finish(replace(standing(1.75, scale, "y"), unit=stated), unit=None, up=None)
+    assert got.source.unit == found
 
 
 def test_an_unknown_unit_is_scaled_and_said() -> None:

@@ -63,6 +63,31 @@ def test_decimal_commas_are_read_as_points(tmp_path: Path):
     assert "decimal commas were read as points" in got.notes
 
 
+def test_milliseconds_in_the_time_column_are_noticed(tmp_path: Path):
+    lines = text().split("\n")
+    for i in range(6, 11):
+        number, seconds, rest = lines[i].split("\t", 2)
+        lines[i] = f"{number}\t{1000 * float(seconds):g}\t{rest}"
+    recording = read_trc(write(tmp_path, "\n".join(lines)))
+    assert recording.source.fps == 100
+    assert len(recording.time) == 5
+    assert "the time column counts milliseconds" in recording.notes
+
+
+def test_what_windows_prints_for_no_number_is_a_gap(tmp_path: Path):
+    recording = read_trc(write(tmp_path, text().replace("\t1.4\t", "\t-1.#IND\t")))
+    assert np.isnan(recording.position[:, 0]).all()
+    assert np.isfinite(recording.position[:, 1:]).all()
+
+
+@pytest.mark.parametrize("coding", ["utf-16", "utf-8-sig"])
+def test_other_codings_and_cases(tmp_path: Path, coding: str):
+    plain = read_trc(write(tmp_path, text()))
+    path = tmp_path / "b.trc"
+    path.write_bytes(text().replace("PathFileType", "PATHFILETYPE").encode(coding))
+    np.testing.assert_array_equal(read_trc(path).position, plain.position)
+
+
 @pytest.mark.parametrize(("unit", "scale"), [("mm", 1000), ("cm", 100), ("m", 1)])
 def test_units(tmp_path: Path, unit: str, scale: float):
     recording = read_trc(write(tmp_path, text(unit=unit, scale=scale)))

@@ -1,4 +1,4 @@
-"""Numbers as programs set to another language write them: decimal commas, other separators."""
+"""Text files as other programs write them: codings, decimal commas, other separators."""
 
 from __future__ import annotations
 
@@ -7,6 +7,12 @@ from collections.abc import Sequence
 
 _POINT = re.compile(r"\d\.|\.\d")
 _WITH_COMMA = re.compile(r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?")
+
+
+def decoded(content: bytes) -> str:
+    """The text of a file: UTF-8, or UTF-16 with its mark, as Windows' editors save "Unicode"."""
+    wide = content.startswith((b"\xff\xfe", b"\xfe\xff"))
+    return content.decode("utf-16" if wide else "utf-8-sig", errors="replace")
 
 
 def plain_numbers(lines: Sequence[str]) -> tuple[Sequence[str], tuple[str, ...]]:

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from physretarget.capture.decimals import plain_numbers
+from physretarget.capture.text import plain_numbers
 
 
 @pytest.mark.parametrize(
