@@ -87,7 +87,7 @@ class Character:
         """Read an MJCF file.
 
         ``untrusted`` refuses everything in the file that could run code, read outside the
-        file's folder or take memory beyond any sensible model.
+        file's folder or take memory beyond any sensible model, by the checks of uploads.
 
         Raises:
             InputError: the file cannot be read or compiled; names the line where one is known.
@@ -98,9 +98,9 @@ class Character:
         return _character(source, _compiled(source), file.stem)
 
     @classmethod
-    def from_xml(cls, text: str, *, name: str = "model", untrusted: bool = False) -> Character:
+    def from_xml(cls, text: str, *, name: str = "model") -> Character:
         """The same from a text. Assets are then found relative to the working directory."""
-        source = source_of_text(text, untrusted=untrusted)
+        source = source_of_text(text)
         return _character(source, _compiled(source), name)
 
     @property

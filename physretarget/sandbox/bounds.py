@@ -12,9 +12,10 @@ from collections import Counter
 from collections.abc import Mapping
 
 from physretarget.sandbox.limits import MIB, Limits
+from physretarget.sandbox.vocabulary import NAMING_ATTRIBUTES
 
-# Whole numbers that decide how much memory any model takes, whoever loads it.
-SIZES: dict[tuple[str, str], int] = {
+# (element or "" for any, attribute): the most that each of its numbers may be.
+_MOST: dict[tuple[str, str], float] = {
     ("size", "memory"): 512 * MIB,
     ("size", "nstack"): 64 * MIB,
     ("size", "njmax"): 50_000,
@@ -26,10 +27,6 @@ SIZES: dict[tuple[str, str], int] = {
     ("texture", "height"): 8192 * 6,
     ("hfield", "nrow"): 4096,
     ("hfield", "ncol"): 4096,
-}
-# (element or "" for any, attribute): the most that each of its numbers may be.
-_MOST: dict[tuple[str, str], float] = {
-    **SIZES,
     ("texture", "gridsize"): 12,
     ("mesh", "params"): 1000,
     ("mesh", "maxhullvert"): 100_000,
@@ -64,12 +61,15 @@ class Budget:
         self._limits = limits
         self._count: Counter[str] = Counter()  # elements, repeated ones as often as repeated
         self._most: Counter[tuple[str, str]] = Counter()  # largest number seen of each kind
-        self._numbers = 0.0
+        self._naming = 0  # elements that name others
+        self._repeated = 1  # the most that any element is repeated
 
     def add(self, tag: str, attributes: Mapping[str, str], times: int) -> str | None:
         """Count one element that is repeated so many times."""
         self._count[tag] += times
         self._count[""] += times
+        self._naming += times if NAMING_ATTRIBUTES & attributes.keys() else 0
+        self._repeated = max(self._repeated, times)
         if self._count[""] > self._limits.xml_elements:
             return f"more than {self._limits.xml_elements} elements"
         if self._count["body"] > self._limits.model_bodies:
@@ -103,6 +103,9 @@ class Budget:
     def total(self) -> str | None:
         """What everything comes to, when all is counted."""
         most, count = self._most, self._count
+        elements = count[""] + self._naming * (self._repeated - 1)
+        if elements > self._limits.xml_elements:
+            return f"{elements} elements, repeated ones and what names them counted as repeated"
         # A cube has six sides one above the other, whatever height it is given.
         width, height = most["texture", "width"], most["texture", "height"]
         pixels = count["texture"] * width * max(height, 6 * width)
@@ -112,11 +115,11 @@ class Budget:
         numbers = (
             most["hfield", "nrow"] * most["hfield", "ncol"] * count["hfield"]
             + most["camera", "resolution"] * count["rangefinder"]
-            + most["size", "nuser"] * count[""]
+            + most["size", "nuser"] * elements
             + most["size", "nkey"] * 10 * count["joint"]
             + most["size", "nuserdata"]
             + most["", "size"] * count["numeric"]
-            + (most["", "nsample"] + most["", "num"] + most["", "dim"]) * count[""]
+            + (most["", "nsample"] + most["", "num"] + most["", "dim"]) * elements
         )
         if numbers > self._limits.model_numbers:
             return f"it asks for {numbers} numbers, at most {self._limits.model_numbers} are held"

@@ -59,8 +59,23 @@ def check_model(root: Path, main: Path, limits: Limits) -> None:
         raise InputError(
             f"is no model file of the upload ({', '.join(MODEL_SUFFIXES)}).", path=main
         )
+    _check(root, main, limits)
+
+
+def check_file(main: Path, limits: Limits) -> None:
+    """The same for a model that lies among other files: it may name those of its folder.
+
+    Raises as :func:`check_model`.
+    """
+    if not main.is_file():
+        raise InputError("there is no such file, or it is a folder.", path=main)
+    main = main.resolve()
+    _check(main.parent, main, limits)
+
+
+def _check(root: Path, main: Path, limits: Limits) -> None:
     reading = _Reading(root, main, limits)
-    reading.read(_normal(main), times=1)
+    reading.read(_real(main), times=1)
     wrong = reading.budget.total()
     if wrong:
         raise UnsafeInputError(f"{wrong}.", path=main)
@@ -82,13 +97,13 @@ def _check_tree(root: Path, limits: Limits) -> None:
                 raise UnsafeInputError("is neither a file nor a folder.", path=path)
 
 
-def _normal(path: Path) -> Path:
-    """Without ``..``; right because there are no links below the root."""
-    return Path(os.path.normpath(path))
+def _real(path: Path) -> Path:
+    """Where a path leads, as MuJoCo will open it: without ``..``, links followed."""
+    return Path(os.path.realpath(path))
 
 
 def _inside(path: Path, root: Path) -> bool:
-    return _normal(path).is_relative_to(root)
+    return _real(path).is_relative_to(root)
 
 
 @dataclass(frozen=True)
@@ -108,7 +123,7 @@ class _Reading:
 
     def __init__(self, root: Path, main: Path, limits: Limits) -> None:
         self._root = root
-        self._main = _normal(main)
+        self._main = _real(main)
         self._limits = limits
         self._seen: set[Path] = set()
         self._bytes = 0
@@ -196,7 +211,7 @@ class _Reading:
         places = [base / folder / v for base, folder, v in product(bases, folders, values)]
         for place in places:
             self._check_inside(place, value, file, line)
-        found = {_normal(place) for place in places if place.is_file()}
+        found = {_real(place) for place in places if place.is_file()}
         if not found:
             raise InputError(
                 f"{reference.element} names the file {printable(value)}, "

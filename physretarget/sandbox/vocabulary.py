@@ -47,6 +47,15 @@ FILE_ATTRIBUTES = _words(
 # Name a folder each.
 FOLDER_ATTRIBUTES = frozenset(("assetdir", "meshdir", "texturedir"))
 
+# Name another element each; where that is replicated, MuJoCo repeats what names it as often.
+NAMING_ATTRIBUTES = _words(
+    """
+    actuator body body1 body2 cranksite geom geom1 geom2 joint joint1 joint2 jointinparent
+    objname refname refsite sidesite site site1 site2 slidersite subtree1 subtree2 tendon tendon1
+    tendon2
+    """
+)
+
 ATTRIBUTES = _words(
     """
     accel act actdim actearly active activelayers actlimited actrange actuation actuator

@@ -158,7 +158,6 @@ BODY = "<worldbody><body><freejoint/><geom size='1'/></body></worldbody>"
     [
         f"<!DOCTYPE a><mujoco>{BODY}</mujoco>",
         f"<!DOCTYPE a [<!ENTITY b 'c'>]><mujoco model='&b;'>{BODY}</mujoco>",
-        "<robot name='a'/>",
         f"<mujoco>{BODY}<asset><mesh file='../m.stl'/></asset></mujoco>",
         f"<mujoco>{BODY}<asset><mesh file='/etc/passwd'/></asset></mujoco>",
         f"<mujoco><compiler meshdir='/etc'/>{BODY}<asset><mesh file='passwd'/></asset></mujoco>",
@@ -171,7 +170,7 @@ BODY = "<worldbody><body><freejoint/><geom size='1'/></body></worldbody>"
         f"<mujoco>{BODY}<size nuserdata='100000000'/></mujoco>",
         f"<mujoco>{BODY}<asset><texture builtin='flat' width='99999' height='9'/></asset></mujoco>",
         f"<mujoco>{BODY}<custom><numeric name='a' size='1000000000'/></custom></mujoco>",
-        f"<mujoco>{BODY}<worldbody><replicate count='9'/></worldbody></mujoco>",
+        "<mujoco><worldbody><replicate count='9999'><body/></replicate></worldbody></mujoco>",
         f"<mujoco>{'<body>' * 500}</mujoco>",
     ],
 )
@@ -183,6 +182,22 @@ def test_untrusted_models_are_refused(tmp_path: Path, text: str) -> None:
     (folder / "model.xml").write_text(text)
     with pytest.raises(UnsafeInputError):
         Character.load(folder / "model.xml", untrusted=True)
+
+
+def test_replicas_are_counted_and_admitted(tmp_path: Path) -> None:
+    path = tmp_path / "model.xml"
+    path.write_text(
+        f"<mujoco>{BODY}<worldbody><replicate count='9'><site/></replicate></worldbody></mujoco>"
+    )
+    assert Character.load(path, untrusted=True).model.nsite == 9
+
+
+def test_what_is_no_model_is_an_input_error(tmp_path: Path) -> None:
+    path = tmp_path / "model.xml"
+    path.write_text("<robot name='a'/>")
+    for file in (path, tmp_path / "missing.xml", tmp_path):
+        with pytest.raises(InputError):
+            Character.load(file, untrusted=True)
 
 
 def test_a_huge_file_is_refused(tmp_path: Path) -> None:
@@ -254,12 +269,15 @@ NUMBERS = st.one_of(
     ),
     cut=st.integers(0, 400),
 )
-def test_garbage_is_an_input_error(tag: str, attributes: dict[str, object], cut: int) -> None:
+def test_garbage_is_an_input_error(
+    tmp_path_factory: pytest.TempPathFactory, tag: str, attributes: dict[str, object], cut: int
+) -> None:
     inner = " ".join(f'{key}="{value}"' for key, value in attributes.items())
     text = f"<mujoco><worldbody><body><freejoint/><geom size='1'/><{tag} {inner}/></body>"
-    text = (text + "</worldbody></mujoco>")[: cut if cut < 150 else None]
+    path = tmp_path_factory.getbasetemp() / "garbage.xml"
+    path.write_text((text + "</worldbody></mujoco>")[: cut if cut < 150 else None])
     try:
-        character = Character.from_xml(text, untrusted=True)
+        character = Character.load(path, untrusted=True)
     except InputError:
         return  # said so; any other error fails the test
     assert np.isfinite(character.reference_qpos).all()

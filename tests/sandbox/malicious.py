@@ -671,6 +671,14 @@ def nested_replicates() -> bytes:
     )
 
 
+@xml_case("sensors of a site that is repeated: MuJoCo repeats them as well")
+def replicated_names() -> bytes:
+    return model(
+        "<sensor>" + "<framepos objtype='site' objname='s'/>" * 10_000 + "</sensor>",
+        world="<replicate count='10000'><site name='s'/></replicate>",
+    )
+
+
 @xml_case("an include that is repeated, with what it includes")
 def replicated_include() -> bytes:
     part = "<mujocoinclude><body><geom size='1'/></body></mujocoinclude>"
