@@ -135,12 +135,14 @@ def analyse(
     hz = settings.lowpass_hz
     own = Grid(time, np.arange(len(time), dtype=np.float64), work, hz, poses, said)
     grids = [grid for grid in (own, own.resampled()) if grid is not None]
-    for first in range(0, len(time), CHUNK):
-        last = min(first + CHUNK, len(time))
-        for grid in grids:
+    done, instants = 0, sum(len(grid.time) for grid in grids)
+    for grid in grids:
+        for first in range(0, len(grid.time), CHUNK):
+            last = min(first + CHUNK, len(grid.time))
             grid.add(first, last)
-        if progress is not None:
-            progress(last, len(time))
+            done += last - first
+            if progress is not None:
+                progress(done * len(time) // instants, len(time))
     found: Analysis | None = None
     for grid in reversed(grids):
         grid.finish()

@@ -89,10 +89,7 @@ class Grid:
         return Grid(time, place, self._work, self._hz, poses, said)
 
     def add(self, first: int, last: int) -> None:
-        """Answer for the instants from the clip's frame ``first`` to before ``last``."""
-        first, last = (int(i) for i in np.searchsorted(self.place, (first, last)))
-        if first == last:
-            return
+        """Answer for the instants ``first`` to ``last`` - 1."""
         start, stop = max(0, first - self._halo), min(len(self.time), last + self._halo)
         given = self.poses(start, stop)
         smooth = given
@@ -138,12 +135,15 @@ class Grid:
 def _interpolated(
     tree: Tree, poses: Poses, place: Floats, frames: int, first: int, last: int
 ) -> Floats:
-    """(last - first, nq) poses at instants: those of frames, or of cubics through four.
+    """(last - first, nq) poses at instants: of frames, and between them of cubics through four.
 
     Cubics are exact to fourth order, rotations being rotation vectors from the frame before.
     """
     here = place[first:last]
     before = np.floor(here).astype(np.int64)
+    if np.array_equal(here, before):
+        base = poses(int(before[0]), int(before[-1]) + 1)[before - before[0]]
+        return base
     left = np.clip(before - 1, 0, frames - 4)
     start = int(left[0])
     given = poses(start, int(left[-1]) + 4)
