@@ -14,6 +14,7 @@ from physretarget.mjcf.dynamics import (
     lowpass,
     momentum,
     required_wrench,
+    smoothed,
 )
 from physretarget.mjcf.quiet import log_warnings
 
@@ -30,4 +31,5 @@ __all__ = [
     "lowpass",
     "momentum",
     "required_wrench",
+    "smoothed",
 ]

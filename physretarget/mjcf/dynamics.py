@@ -118,16 +118,44 @@ def lowpass(character: Character, qpos: Array, fps: float, hz: float) -> Array:
         )
     if len(qpos) < 3:
         return qpos.copy()
-    sos = butter(2, hz / nyquist, output="sos")
     smooth = qpos.copy()
     address = character.tree.quats[0]
     smooth[:, address] = continuous(smooth[:, address])
-    # The transient of the filter lasts about fps/hz frames: reflect that much at the ends.
-    pad = min(len(qpos) - 1, int(np.ceil(3 * fps / hz)))
-    smooth = sosfiltfilt(sos, smooth, axis=0, padtype="odd", padlen=pad)
+    smooth = smoothed(smooth, fps, hz)
     quats = smooth[:, address]
     smooth[:, address] = quats / np.linalg.norm(quats, axis=-1, keepdims=True)
     return np.ascontiguousarray(smooth, dtype=np.float64)
+
+
+_RINGS = 40
+
+
+def smoothed(values: Array, fps: float, hz: float) -> Array:
+    """The filter of :func:`lowpass` on numbers (T, n) or (T,), continued beyond their ends.
+
+    The continuation is the mirror image through the end, bent by the acceleration that a parabola
+    over the last period of `hz` has there: a clip that ends in free fall goes on falling, where the
+    plain mirror image would stop its acceleration.
+    """
+    frames = len(values)
+    # The filter forgets within three periods; near half the frame rate it rings for some frames.
+    pad = min(frames - 1, max(int(np.ceil(3 * fps / hz)), _RINGS))
+    window = min(frames, max(5, int(np.ceil(fps / hz)) + 1))
+    whole = np.concatenate(
+        [_mirrored(values, pad, window)[::-1], values, _mirrored(values[::-1], pad, window)]
+    )
+    smooth = sosfiltfilt(butter(2, 2 * hz / fps, output="sos"), whole, axis=0, padtype=None)
+    return np.ascontiguousarray(smooth[pad : pad + frames])
+
+
+def _mirrored(values: Array, pad: int, window: int) -> Array:
+    """What lies before the first of `values`, the nearest first: (pad, n)."""
+    away = np.arange(window) / window
+    bend = np.polynomial.polynomial.polyfit(away, values[:window].reshape(window, -1), 2)[2]
+    outward = np.arange(1, pad + 1) / window
+    continued = 2 * values[:1] - values[1 : pad + 1]
+    continued += 2 * (outward[:, None] ** 2 * bend).reshape(continued.shape)
+    return np.asarray(continued)
 
 
 def momentum(character: Character, qpos: Array, qvel: Array) -> Momentum:

@@ -139,6 +139,10 @@ def analyse_chunk(work: Workspace, chunk: Chunk) -> Series:
     """Every series of the kept frames."""
     character = work.character
     qvel, qacc = derivatives(character, chunk.qpos, chunk.time)
+    if len(qacc) > 2:
+        # A clip's first and last frame have no second difference of their own. Extrapolated, a
+        # landing two frames on would seem to pull; the neighbour's is smeared by a frame more.
+        qacc[0], qacc[-1] = qacc[1], qacc[-2]
     pose = kinematics.forward(character.tree, chunk.qpos)
     raw = pose if chunk.raw is chunk.qpos else kinematics.forward(character.tree, chunk.raw)
     keep = chunk.keep

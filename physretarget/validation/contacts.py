@@ -32,7 +32,7 @@ class Touch:
 
     ``lowest`` (T,) m above the floor and its body; ``clearance`` (T,) m by which no point
     touches, below 0 where one does; ``bodies`` (B,) that may touch and ``on`` (T, B) which of
-    them do.
+    them do. ``tolerance`` m is how near that is.
     """
 
     position: Floats
@@ -44,6 +44,7 @@ class Touch:
     bodies: Ints
     on: Bools
     floor: float
+    tolerance: float = 0.01
 
     def series(self, frames: slice) -> Series:
         """The results that are kept, of some frames."""
@@ -79,7 +80,7 @@ def find_touch(
         rows = np.flatnonzero(matters[:, index])
         if len(rows) == 0:
             continue
-        own = _of_body(points, int(body))
+        own = of_body(points, int(body))
         height = lowest_heights(_rows(pose, rows), own) - floor
         low = height.min(axis=1)
         under = low < lowest[rows]
@@ -98,7 +99,9 @@ def find_touch(
             place, mask = _outermost(lowest_points(_rows(pose, rows[touching]), own), near)
             picked.append((*_spread(place, mask, rows[touching], frames), int(body)))
     position, mask, owner = _packed(picked, frames)
-    return Touch(position, owner, mask, lowest, lowest_body, clearance, bodies, on, floor)
+    return Touch(
+        position, owner, mask, lowest, lowest_body, clearance, bodies, on, floor, tolerance
+    )
 
 
 def lowest(points: Candidates, pose: Pose, floor: float) -> tuple[Floats, Ints]:
@@ -110,7 +113,7 @@ def lowest(points: Candidates, pose: Pose, floor: float) -> tuple[Floats, Ints]:
         rows = np.flatnonzero(matters[:, index])
         if len(rows) == 0:
             continue
-        low = lowest_heights(_rows(pose, rows), _of_body(points, int(body))).min(axis=1) - floor
+        low = lowest_heights(_rows(pose, rows), of_body(points, int(body))).min(axis=1) - floor
         under = rows[low < height[rows]]
         owner[under] = body
         height[rows] = np.minimum(low, height[rows])
@@ -141,7 +144,8 @@ def _can_matter(points: Candidates, pose: Pose, floor: float, tolerance: float) 
     return can
 
 
-def _of_body(points: Candidates, body: int) -> Candidates:
+def of_body(points: Candidates, body: int) -> Candidates:
+    """The candidates of one body."""
     rows = points.body == body
     return Candidates(
         points.body[rows], points.local[rows], points.radius[rows], points.axes[rows],

@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import convolve1d
 from scipy.signal import butter, sosfiltfilt
 
+from physretarget.mjcf import smoothed
+
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
@@ -79,13 +81,12 @@ def straight(
     frames = len(com)
     if lowpass_hz is None or frames < 4:
         return required
-    pad = min(frames - 1, math.ceil(3 * fps / lowpass_hz))
-    sos = butter(2, 2 * lowpass_hz / fps, output="sos")
-    force = required.copy()  # one-sided ends stay what they are
+    force = required.copy()
     for axis in range(3):  # one after the other: an hour's path is long
-        path = sosfiltfilt(sos, com[:, axis], padtype="odd", padlen=pad)
+        path = smoothed(com[:, axis], fps, lowpass_hz)
         force[1:-1, axis] = (path[2:] - 2 * path[1:-1] + path[:-2]) * fps**2 / gravity
     force[1:-1, 2] += 1.0
+    force[0], force[-1] = force[1], force[-2]
     return force
 
 

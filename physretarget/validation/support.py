@@ -2,7 +2,8 @@
 
 A body that touches a frame or two earlier or later (see :mod:`physretarget.validation.smear`)
 may bear load: differences and filter spread its force over these frames. It acts where it acted
-then, with the arm about the CoM that it had then.
+then, with the arm about the CoM that it had then. So may further points of a body that touches
+already: toes that follow the heel.
 """
 
 from __future__ import annotations
@@ -63,20 +64,28 @@ class Support:
 
 
 def find_support(touch: Touch, com: Floats, inner: slice, reach: int) -> Support:
-    """Support of the frames ``inner``; ``touch`` and ``com`` (T, 3) come with neighbours."""
+    """Support of the frames ``inner``; ``touch`` and ``com`` (T, 3) come with neighbours.
+
+    Forces of a clip's first and last frame are those of their neighbours: they reach a frame more.
+    """
     frames = np.arange(len(com))[inner]
+    within = np.full((len(com), 1), reach)
+    if inner.start == 0:
+        within[0] += 1
+    if inner.stop == len(com):
+        within[-1] += 1
     row, column = np.nonzero(touch.mask[inner])
-    rows, sources, columns = [row], [frames[row]], [column]
-    for nearest in _neighbours(touch.on, reach):
+    found = [(row, frames[row], column)]
+    for nearest in _neighbours(touch.on, within):
         for index in np.flatnonzero((nearest[inner] >= 0).any(axis=0)):
             source = nearest[inner, index]
             late = np.flatnonzero(source >= 0)
             mine = touch.mask[source[late]] & (touch.body[source[late]] == touch.bodies[index])
             row, column = np.nonzero(mine)
-            rows.append(late[row])
-            sources.append(source[late][row])
-            columns.append(column)
-    row, source, column = (np.concatenate(part) for part in (rows, sources, columns))
+            found.append((late[row], source[late][row], column))
+    for which in range(len(touch.bodies)):
+        found += _further(touch, com, frames, which, within[inner, 0])
+    row, source, column = (np.concatenate(part) for part in zip(*found, strict=True))
     order = np.argsort(row, kind="stable")
     row, source, column = row[order], source[order], column[order]
     counts = np.bincount(row, minlength=len(frames))
@@ -91,10 +100,10 @@ def find_support(touch: Touch, com: Floats, inner: slice, reach: int) -> Support
     return Support(position, arm, body, mask, own, np.unique(body[mask]), touch.floor)
 
 
-def _neighbours(on: Bools, reach: int) -> tuple[Ints, Ints]:
+def _neighbours(on: Bools, reach: Ints) -> tuple[Ints, Ints]:
     """(T, B) the last frame before, and the first after, in which a body touches; else -1.
 
-    -1 also where the body touches in the frame itself or not within ``reach`` frames.
+    -1 also where the body touches in the frame itself or not within ``reach`` (T, 1) frames.
     """
     index = np.arange(len(on))[:, None]
     before = np.maximum.accumulate(np.where(on, index, -_NEVER), axis=0)
@@ -103,6 +112,40 @@ def _neighbours(on: Bools, reach: int) -> tuple[Ints, Ints]:
         np.where(~on & (index - before <= reach), before, -1),
         np.where(~on & (after - index <= reach), after, -1),
     )
+
+
+def _further(
+    touch: Touch, com: Floats, frames: Ints, index: int, reach: Ints
+) -> list[tuple[Ints, Ints, Ints]]:
+    """Points at which a body that touches already will touch, or has touched, within reach.
+
+    A heel strikes before the toes, a box on an edge before it lies: the blow of the second contact
+    is smeared like that of the first. Returns (frame, frame it comes from, column) of points that
+    are apart, on the floor and as seen from the CoM, from all of the body's points in the frame:
+    what stands has moved only as seen from the CoM, what rolls only on the floor.
+    """
+    body, on = int(touch.bodies[index]), touch.on[:, index]
+    mine = touch.mask & (touch.body == body)
+    number = mine.sum(axis=1)
+    found: list[tuple[Ints, Ints, Ints]] = []
+    most = int(reach.max(initial=0))
+    for offset in range(-most, most + 1):
+        source = frames + offset
+        there = (source >= 0) & (source < len(com)) & (abs(offset) <= reach) & (offset != 0)
+        source = np.clip(source, 0, len(com) - 1)
+        # A sole that stands keeps its points, what is round has one or two and rolls.
+        grows = (number[source] > number[frames]) | (number[source] <= 2)
+        rows = np.flatnonzero(there & on[frames] & on[source] & grows)
+        if len(rows) == 0:
+            continue
+        now, then = frames[rows], source[rows]
+        way = touch.position[then][:, :, None] - touch.position[now][:, None]
+        seen = way - (com[then] - com[now])[:, None, None]
+        near = np.minimum(np.linalg.norm(way, axis=3), np.linalg.norm(seen, axis=3))
+        near = np.where(mine[now][:, None], near, np.inf).min(axis=2)
+        row, column = np.nonzero(mine[then] & (near > touch.tolerance))
+        found.append((rows[row], then[row], column))
+    return found
 
 
 def sliding(

@@ -160,8 +160,8 @@ ALTERED: dict[str, tuple[Callable[[Clip], Clip], tuple[str, str], tuple[str, str
     ),
     "left knee flipped": (
         flipped(8),
-        ("CON001 CON002 DYN001 DYN002 DYN003 DYN004 KIN001", "DYN005"),
-        ("CON002 KIN001", "CON001 DYN001 DYN002 DYN005"),
+        ("CON001 CON002 DYN001 DYN003 DYN004 KIN001", "DYN002 DYN005"),
+        ("KIN001", "CON001 CON002 DYN001 DYN002 DYN005"),
     ),
     "left ankle flipped": (flipped(9), ("CON001", ""), ("CON001", "")),
 }

@@ -1,0 +1,83 @@
+"""How far a model's own soft contacts let a landing body sink.
+
+MuJoCo's contacts are springs and dampers: `solref` gives their time constant tau, by default 20 ms.
+A body that arrives at the floor with v m/s sinks as a critically damped spring does,
+
+    depth(t) = v t exp(-t / tau),   at most v tau / e   (7 mm at 1 m/s),
+
+and is back at a tenth of that after five time constants. A simulated clip shows this; it is the
+model's doing, no mistake of the clip.
+"""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from physretarget import kinematics
+from physretarget.validation.analysis import Analysis
+from physretarget.validation.contacts import of_body
+from physretarget.validation.geometry import lowest_heights
+from physretarget.validation.rule import runs
+
+Floats = NDArray[np.float64]
+
+# Time constants after which a landing is over.
+_OVER = 5.0
+_DEFAULT_S = 0.02
+_BLOCK = 2048
+
+
+def landing_depth(analysis: Analysis, above: float) -> Floats:
+    """(T,) m that the deepest body may have sunk by landing, where it is deeper than ``above``."""
+    deep = -analysis["deepest"] > above
+    allowed = np.zeros(analysis.frames)
+    if not deep.any():
+        return allowed
+    bodies = analysis.ints("deepest_body")
+    for body in np.unique(bodies[deep]):
+        tau = time_constant(analysis, int(body))
+        before = math.ceil(_OVER * tau * analysis.fps) + 1
+        for first, last in runs(deep & (bodies == body)):
+            for start in range(first, last + 1, _BLOCK):
+                stop = min(start + _BLOCK, last + 1)
+                allowed[start:stop] = _fastest(analysis, int(body), start, stop, before)
+                allowed[start:stop] *= tau / math.e
+    return allowed
+
+
+def _fastest(analysis: Analysis, body: int, first: int, last: int, before: int) -> Floats:
+    """(last - first,) m/s at which a body has come down within so many frames before each."""
+    begin = max(0, first - before)
+    pose = kinematics.forward(analysis.character.tree, analysis.poses(begin, last))
+    work = analysis.work
+    solid = work.solid if len(work.solid) else work.points
+    height = lowest_heights(pose, of_body(solid, body)).min(axis=1)
+    down = np.r_[0.0, np.maximum(-np.diff(height), 0.0)] * analysis.fps
+    padded = np.r_[np.zeros(before), down]
+    window = np.lib.stride_tricks.sliding_window_view(padded, before + 1).max(axis=1)
+    fastest: Floats = window[first - begin :]
+    return fastest
+
+
+def time_constant(analysis: Analysis, body: int) -> float:
+    """Seconds of the softest contact between a body's geoms and the floor, MuJoCo's mixture."""
+    model = analysis.character.model
+    solid = (model.geom_contype | model.geom_conaffinity) != 0
+    own = np.flatnonzero(solid & (model.geom_bodyid == body))
+    plane = (model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE) & (model.geom_bodyid == 0)
+    tau = max((_constant(model.geom_solref[g]) for g in own), default=_DEFAULT_S)
+    if plane.any():
+        floor = max(_constant(model.geom_solref[g]) for g in np.flatnonzero(plane))
+        tau = 0.5 * (tau + floor)
+    return max(tau, 2 * float(model.opt.timestep))
+
+
+def _constant(solref: Floats) -> float:
+    """1 / omega of (time constant, damping ratio), or of (-stiffness, -damping)."""
+    if solref[0] > 0:
+        return float(solref[0] * max(solref[1], 0.0))
+    return 1 / math.sqrt(max(-float(solref[0]), 1e-6))
