@@ -142,8 +142,8 @@ def _interpolated(
     here = place[first:last]
     before = np.floor(here).astype(np.int64)
     if np.array_equal(here, before):
-        base = poses(int(before[0]), int(before[-1]) + 1)[before - before[0]]
-        return base
+        whole: Floats = poses(int(before[0]), int(before[-1]) + 1)[before - before[0]]
+        return whole
     left = np.clip(before - 1, 0, frames - 4)
     start = int(left[0])
     given = poses(start, int(left[-1]) + 4)
