@@ -24,7 +24,7 @@ from physretarget.cli.common import command, say
 from physretarget.demo import models_folder
 from physretarget.errors import InputError, UsageError
 from physretarget.mjcf import Character
-from physretarget.stream import Posed, Streamer
+from physretarget.stream import LONGEST_DELAY, Posed, Streamer
 from physretarget.trained import TrainedMapper
 
 Array = NDArray[np.float64]
@@ -51,6 +51,16 @@ def stream_command(
         Path | None, typer.Option("--capture", help="Play this capture instead of stdin.")
     ] = None,
     fps: Annotated[float | None, typer.Option("--fps", help="Frame rate of --capture.")] = None,
+    delay: Annotated[
+        float,
+        typer.Option(
+            "--delay",
+            metavar="SECONDS",
+            min=0.0,
+            max=LONGEST_DELAY,
+            help="Poses come so much later than their frames, and nearer to retarget's.",
+        ),
+    ] = 0.0,
 ) -> None:
     """Retarget frame by frame: JSON lines in, JSON lines out."""
     if listen and captured:
@@ -59,11 +69,11 @@ def stream_command(
     trained = TrainedMapper.load(mapper, model)
     with _calm():
         if listen:
-            _serve(trained, listen)
+            _serve(trained, listen, delay)
         elif captured:
-            _report(_run(trained, _played(captured, fps), sys.stdout))
+            _report(_run(trained, _played(captured, fps), sys.stdout, delay))
         else:
-            _report(_run(trained, sys.stdin, sys.stdout))
+            _report(_run(trained, sys.stdin, sys.stdout, delay))
 
 
 def _shipped(mapper: Path) -> Character:
@@ -90,19 +100,28 @@ def _calm() -> Iterator[None]:
     gc.unfreeze()
 
 
-def _run(trained: TrainedMapper, lines: Iterable[str], out: TextIO) -> list[float]:
+def _run(
+    trained: TrainedMapper, lines: Iterable[str], out: TextIO, delay: float = 0.0
+) -> list[float]:
     """Answer every line; returns the seconds that each took, parsing and printing included."""
-    streamer = Streamer(trained)
+    streamer = Streamer(trained, delay=delay)
     spent = []
+
+    def say_pose(posed: Posed | None, seconds: float) -> None:
+        if posed is not None:
+            out.write(answer(posed, streamer, seconds) + "\n")
+            out.flush()
+
     for number, line in enumerate(lines):
         if not line.strip():
             continue
         began = clock.perf_counter()
         time, qpos = parse(line, number)
         posed = streamer.next(time, qpos)
-        out.write(answer(posed, streamer, clock.perf_counter() - began) + "\n")
-        out.flush()
+        say_pose(posed, clock.perf_counter() - began)
         spent.append(clock.perf_counter() - began)
+    for posed in streamer.rest():
+        say_pose(posed, 0.0)
     return spent
 
 
@@ -167,7 +186,7 @@ def _played(path: Path, fps: float | None) -> Iterator[str]:
         yield json.dumps({"time": float(time), "qpos": qpos.tolist()})
 
 
-def _serve(trained: TrainedMapper, listen: str) -> None:
+def _serve(trained: TrainedMapper, listen: str, delay: float = 0.0) -> None:
     """One connection after the other, each a stream of its own, until interrupted."""
     host, _, port = listen.rpartition(":")
     if not host or not port.isdigit() or int(port) > 65535:
@@ -179,7 +198,7 @@ def _serve(trained: TrainedMapper, listen: str) -> None:
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             with connection, connection.makefile("rw", encoding="utf-8") as file:
                 try:
-                    _report(_run(trained, file, file))
+                    _report(_run(trained, file, file, delay))
                 except InputError as error:
                     file.write(json.dumps({"error": str(error)}) + "\n")
                 except (ConnectionError, BrokenPipeError):

@@ -35,6 +35,7 @@ class ContactSettings:
     swivel, pivot: how far the motion's heading may be from that of the stance, rad, if what
         the body carries stands on a swivel, and if it does not; beyond that the stance is cut
         and the body turns in a small hop. min_piece: none is shorter than this, s.
+        cut_grid: cuts are sought at multiples of this, s.
     waddle: a body that carries points of both feet rolls onto the side that stands by this
         angle, so that a walk shows (rad; zero for none), and back, each within ``rock`` s.
     max_tilt: such a body tilts no more than this while it stands, rad.
@@ -66,6 +67,7 @@ class ContactSettings:
     swivel: float = 1.2
     pivot: float = 0.6
     min_piece: float = 0.22
+    cut_grid: float = 1.0 / 30.0
     waddle: float = 0.1
     rock: float = 0.25
     max_tilt: float = 0.35

@@ -107,7 +107,7 @@ def _tilt_on_floor(
     Allowed tilts are convex cones, so an average over neighbours of tilts that each obey the
     constraints of all their neighbours obeys its own: smooth, and no point sinks.
     """
-    wanted = tilt + _waddle(sole, planted, time[: len(tilt)], settings)
+    wanted = tilt + waddle(sole, planted, time[: len(tilt)], settings)
     if sole.two_sided:
         size = np.linalg.norm(wanted, axis=1, keepdims=True)
         wanted *= np.minimum(1.0, settings.max_tilt / np.maximum(size, 1e-9))
@@ -127,7 +127,7 @@ def _tilt_on_floor(
     return mean
 
 
-def _waddle(sole: Sole, planted: Bools, time: Floats, settings: ContactSettings) -> Floats:
+def waddle(sole: Sole, planted: Bools, time: Floats, settings: ContactSettings) -> Floats:
     """The roll (F, 3) onto the side that stands alone: up and down like a rocking block's.
 
     A block that rocks on its edge falls back under gravity, so its angle is a parabola in
@@ -219,8 +219,9 @@ def fly(
         arm = np.einsum("tij,nj->tni", rotation[inner], whole)
         low = (centre[inner, None] + arm)[..., 2].min(axis=1) - floor
         if before and after:
-            swing = 4.0 * _rise(before, after, t1 - t0, height, settings) * share * (1.0 - share)
-            centre[inner, 2] += _raised(low, np.maximum(arc[inner], swing)) - low
+            rise = lowest_rise(before, after, t1 - t0, height, settings)
+            swing = 4.0 * rise * share * (1.0 - share)
+            centre[inner, 2] += raised(low, np.maximum(arc[inner], swing)) - low
         else:
             # Smoothly no lower than the floor, exactly untouched next to the stance.
             ramp = np.minimum(np.abs(time[inner] - (t0 if before else t1)) / 0.2, 1.0)
@@ -229,7 +230,7 @@ def fly(
     return Track(centre, rotation, track.target, track.planted, track.away)
 
 
-def _rise(
+def lowest_rise(
     before: Footing, after: Footing, duration: float, height: float, settings: ContactSettings
 ) -> float:
     """How high a foot swings at least, m: low where it is only set down anew."""
@@ -238,7 +239,7 @@ def _rise(
     return min(settings.gravity * duration**2 / 8.0, settings.swing_height * height, step)
 
 
-def _raised(low: Floats, arc: Floats) -> Floats:
+def raised(low: Floats, arc: Floats) -> Floats:
     """A smooth maximum of the path's height and the arc; equal to both where they are zero."""
     soft = 0.2 * arc
     return 0.5 * (low + arc + np.sqrt((low - arc) ** 2 + soft * soft))

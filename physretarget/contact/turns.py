@@ -20,8 +20,6 @@ EXCESS = 10.0
 """One radian beyond the limit costs as much as this many cuts."""
 SPREAD = 0.5
 """Headings as far from their stance's as the limit cost as much as half a cut."""
-GRID = 1.0 / 30.0
-"""Cuts are sought at multiples of this, s."""
 
 
 def cuts(
@@ -40,7 +38,7 @@ def cuts(
     if np.abs(heading - heading.mean()).max() <= limit:
         return none
     step = (time[-1] - time[0]) / (len(time) - 1)
-    grid = np.arange(0, len(time), max(round(GRID / step), 1))
+    grid = np.arange(0, len(time), max(round(settings.cut_grid / step), 1))
     grid = np.append(grid[grid < len(time) - 1], len(time) - 1)
     price = np.ones(len(grid))
     if len(steps):

@@ -9,6 +9,8 @@ the two agree.
 from __future__ import annotations
 
 import math
+from collections import deque
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,20 +20,19 @@ from physretarget import momentum
 from physretarget.capture.actor import CONTACT_POINTS, NQ, ActorShape
 from physretarget.errors import InputError
 from physretarget.mapping.track import track
-from physretarget.mjcf import Points
 from physretarget.stream.body import Body, Solver
 from physretarget.stream.place import Heading, Placer
-from physretarget.stream.plant import Planter, PlantSettings
+from physretarget.stream.plant import Planter
 from physretarget.stream.touch import Touch, Toucher
 from physretarget.trained import TrainedMapper
 
-__all__ = ["PlantSettings", "Posed", "Streamer"]
+__all__ = ["LONGEST_DELAY", "Posed", "Streamer"]
 
 Array = NDArray[np.float64]
 
 NOWHERE = np.zeros(2)
-CONTACT_WEIGHT = 1e3
-"""Of each contact point against 1 for each virtual marker."""
+LONGEST_DELAY = 5.0
+"""s; from a few stances on nothing is gained."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,48 +53,57 @@ class Posed:
     variance: float
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class _Waiting:
+    """A frame whose feet are not planted yet."""
+
+    time: float
+    mapped: Array
+    placed: Array
+    touch: Touch
+    variance: float
+
+
 class Streamer:
     """Turns poses of the reference actor into poses of a character, one by one."""
 
-    def __init__(self, mapper: TrainedMapper, *, settings: PlantSettings | None = None) -> None:
+    def __init__(self, mapper: TrainedMapper, *, delay: float = 0.0) -> None:
+        """``delay``: poses come so many s after their frames; what is seen meanwhile is known.
+
+        Raises:
+            InputError: a delay that is negative or longer than ``LONGEST_DELAY``.
+        """
+        if not 0.0 <= delay <= LONGEST_DELAY:
+            raise InputError(f"the delay is {delay:g} s; it must lie in 0 to {LONGEST_DELAY:g}.")
         character = mapper.character
-        self.mapper, self.character = mapper, character
+        self.mapper, self.character, self.delay = mapper, character, delay
         self.tracker = track(mapper.mapper)
         self.actor = Body(mapper.actor)
         self.body = Body(character)
         self.pose = Solver(character, character.markers, steps=2)
         self.pose.lock(np.arange(character.root_dof, character.root_dof + 2))
-        both = _joined(character.markers, character.contacts)
-        self.plant = Solver(character, both, steps=2)
-        self.weight = np.ones(len(both))
         self.own_heading = Heading(character.front, character.up)
         self.actor_heading = Heading(mapper.actor.front, mapper.actor.up)
         one = np.ones((1, 3, 3))
         self.placer = Placer(momentum.scales(character, one, mapper.actor, one).size)
         self.toucher = Toucher(ActorShape.reference().leg_length)
-        self.planter = Planter(character, settings)
+        self.planter = Planter(character)
         self.order = [mapper.actor.tied.index(name) for name in CONTACT_POINTS]
         self.before: Array | None = None
         self.last = -math.inf
         self.frames = 0
+        self.waiting: deque[_Waiting] = deque()
 
     def next(
-        self,
-        time: float,
-        actor_qpos: Array,
-        *,
-        planted: NDArray[np.bool_] | None = None,
-        places: Array | None = None,
-    ) -> Posed:
-        """Map one frame.
+        self, time: float, actor_qpos: Array, *, planted: NDArray[np.bool_] | None = None
+    ) -> Posed | None:
+        """Map one frame; the pose of the frame ``delay`` s before it, None if there is none yet.
 
         Args:
             time: s, later than that of the frame before.
             actor_qpos: (75,) of the reference actor, see :mod:`physretarget.capture.actor`.
             planted: (10,) which of ``CONTACT_POINTS`` stand, where it is known from elsewhere
                 (pressure soles, a timetable); None to tell from the motion.
-            places: (nc, 3) where each contact point of the character that stands now belongs,
-                NaN for the others, in place of what follows from ``planted``; None otherwise.
 
         Raises:
             InputError: the pose has another length or is not finite, or time stands still.
@@ -109,12 +119,34 @@ class Streamer:
         touch = self.toucher.next(points, step)
         if planted is not None:
             landing = np.where(planted, 0.0, np.where(touch.active, np.inf, touch.landing))
-            touch = Touch(np.array(planted, dtype=bool), landing)
-        qpos = self._planted(placed, touch, step, places)
+            touch = Touch(np.array(planted, dtype=bool), landing, touch.clearance)
+        assert self.placer.com is not None
+        self.planter.see(time, placed, touch, self.placer.com, com, yaw)
+        self.waiting.append(_Waiting(time, local, placed, touch, float(mapped.variance[0])))
         self.last = time
         self.frames += 1
-        active = self.planter.held
-        return Posed(time, qpos, local, placed, active, touch, float(mapped.variance[0]))
+        return self._due() if self.waiting[0].time <= time - self.delay + 1e-9 else None
+
+    def rest(self) -> Iterator[Posed]:
+        """The frames that still wait when no more come."""
+        while self.waiting:
+            yield self._due()
+
+    def play(self, frames: Iterable[tuple[float, Array]]) -> Iterator[Posed]:
+        """The poses of all frames (time, actor qpos), in order."""
+        for time, qpos in frames:
+            posed = self.next(time, qpos)
+            if posed is not None:
+                yield posed
+        yield from self.rest()
+
+    def _due(self) -> Posed:
+        frame = self.waiting.popleft()
+        qpos = self.planter.next() if len(self.character.contacts) else frame.placed
+        active = self.planter.held.copy()
+        return Posed(
+            frame.time, qpos, frame.mapped, frame.placed, active, frame.touch, frame.variance
+        )
 
     def _checked(self, time: float, actor_qpos: Array) -> float:
         if np.shape(actor_qpos) != (NQ,) or not np.isfinite(actor_qpos).all():
@@ -147,34 +179,6 @@ class Streamer:
         moved[at + 3 : at + 7] = (c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w)
         moved[at : at + 2] = place
         return moved
-
-    def _planted(self, placed: Array, touch: Touch, step: float, known: Array | None) -> Array:
-        character = self.character
-        if not len(character.contacts):
-            return placed
-        self.body.pose(placed)
-        markers = self.body.points(character.markers)
-        contacts = self.body.points(character.contacts)
-        correction, shift = self.planter.next(touch, contacts, step, known)
-        if not correction.any():
-            self.planter.reached = contacts
-            return placed
-        start = np.array(placed)
-        start[character.root_qpos : character.root_qpos + 3] += shift
-        self.weight[len(markers) :] = np.where(self.planter.idle, 1.0, CONTACT_WEIGHT)
-        self.plant.weigh(self.weight)
-        qpos = self.plant.solve(start, np.concatenate([markers + shift, contacts + correction]))
-        self.body.pose(qpos)
-        self.planter.reached = self.body.points(character.contacts)
-        return qpos
-
-
-def _joined(a: Points, b: Points) -> Points:
-    return Points(
-        (*a.names, *b.names),
-        np.concatenate([a.body, b.body]),
-        np.concatenate([a.local, b.local]),
-    )
 
 
 def _rotation(yaw: float) -> Array:

@@ -95,8 +95,13 @@ def _bare(model: mujoco.MjModel) -> mujoco.MjModel:
 class Solver:
     """Brings points of a character to targets: Gauss-Newton within the joint limits."""
 
-    def __init__(self, character: Character, points: Points, *, steps: int) -> None:
-        """``points`` to steer; ``steps`` at most per frame."""
+    def __init__(
+        self, character: Character, points: Points, *, steps: int, longest: float = np.inf
+    ) -> None:
+        """``points`` to steer; ``steps`` at most per frame, in which no degree of freedom moves
+        farther than ``longest``, rad or m.
+        """
+        self.longest = longest
         self.character, self.points, self.steps = character, points, steps
         self.body = Body(character)
         model = self.body.model
@@ -108,6 +113,7 @@ class Solver:
         self.sum = np.zeros((len(self.bodies), len(points)))
         self.sum[self.which, np.arange(len(points))] = 1.0
         self.weight = np.zeros(len(points))
+        self.masses: dict[tuple[int, bytes], tuple[float, Array, Array, Array]] = {}
         self.weigh(np.ones(len(points)))
         scalars = [
             (joint.qpos, joint.dof)
@@ -118,6 +124,7 @@ class Solver:
         self.dof = np.array([d for _, d in scalars], dtype=np.int64)
         self.lower, self.upper = character.lower[self.at], character.upper[self.at]
         self.armature = np.full(model.nv, HELD)
+        self.prior: Array | None = None
 
     def lock(self, dofs: NDArray[np.int64]) -> None:
         """Degrees of freedom that keep their values from now on."""
@@ -134,9 +141,19 @@ class Solver:
             model.body_mass[:] = 0.0
             model.body_inertia[:] = 0.0
             self.body.data.time = 1.0
-        for i in changed:
-            own = self.which == i
-            body, w, at = self.bodies[i], self.weight[own], self.points.local[own]
+        for i in changed.tolist():
+            body = self.bodies[i]
+            mass, centre, inertia, quat = self._mass(i)
+            model.body_mass[body], model.body_ipos[body] = mass, centre
+            model.body_inertia[body], model.body_iquat[body] = inertia, quat
+        self._sum_masses(model)
+
+    def _mass(self, i: int) -> tuple[float, Array, Array, Array]:
+        """Mass, centre, principal inertia and axes of the points of one body, as weighed now."""
+        own = self.which == i
+        w, at = self.weight[own], self.points.local[own]
+        key = (i, w.tobytes())
+        if key not in self.masses:
             mass = max(float(w.sum()), 1e-12)
             centre = w @ at / mass
             arm = at - centre
@@ -144,10 +161,10 @@ class Solver:
             values, axes = np.linalg.eigh(np.trace(spread) * np.eye(3) - spread)
             if np.linalg.det(axes) < 0:
                 axes[:, 0] *= -1.0
-            model.body_mass[body], model.body_ipos[body] = mass, centre
-            model.body_inertia[body] = np.maximum(values, 0.0)
-            mujoco.mju_mat2Quat(model.body_iquat[body], np.ascontiguousarray(axes).ravel())
-        self._sum_masses(model)
+            quat = np.empty(4)
+            mujoco.mju_mat2Quat(quat, np.ascontiguousarray(axes).ravel())
+            self.masses[key] = mass, centre, np.maximum(values, 0.0), quat
+        return self.masses[key]
 
     @staticmethod
     def _sum_masses(model: mujoco.MjModel) -> None:
@@ -156,11 +173,30 @@ class Solver:
             total[model.body_parentid[body]] += total[body]
         model.body_subtreemass[:] = total
 
-    def solve(self, qpos: Array, target: Array, *, tolerance: float = 1e-3) -> Array:
-        """The pose (nq,) near ``qpos`` whose points come closest to ``target`` (K, 3)."""
+    def hold(self, prior: Array) -> None:
+        """Weights (nv,) of staying with the pose ``near`` that :meth:`solve` is given."""
+        self.armature[:] = np.maximum(prior, HELD)
+        self.prior = np.array(prior)
+
+    def solve(
+        self,
+        qpos: Array,
+        target: Array,
+        *,
+        near: Array | None = None,
+        tolerance: float = 1e-3,
+    ) -> Array:
+        """The pose (nq,) whose points come closest to ``target`` (K, 3), sought from ``qpos`` on.
+
+        ``near`` (nq,) the pose that joints prefer to stay with, if any is held.
+        """
         model, data = self.body.model, self.body.data
         qpos = np.array(qpos)
+        offset = np.zeros(model.nv)
         for _ in range(self.steps):
+            if near is not None and self.prior is not None:
+                mujoco.mj_differentiatePos(model, offset, 1.0, near, qpos)
+                data.qfrc_applied = -self.prior * offset
             self.body.pose(qpos)
             mujoco.mj_comPos(model, data)
             place = self.body.points(self.points)
@@ -173,6 +209,7 @@ class Solver:
             data.xfrc_applied[self.bodies, :3] = self.sum @ pull
             data.xfrc_applied[self.bodies, 3:] = self.sum @ turn
             step = self._step(qpos)
+            step *= min(1.0, self.longest / max(float(np.abs(step).max()), 1e-9))
             mujoco.mj_integratePos(model, qpos, step, 1.0)
             qpos[self.at] = np.minimum(np.maximum(qpos[self.at], self.lower), self.upper)
             if np.abs(step).max() < tolerance:

@@ -1,153 +1,327 @@
-"""Planted points stay where they are, as far as that can be known at the moment.
+"""Planted points stay where they are, as far as that can be foreseen.
 
-The batch path knows where each stance will be on average, and blends corrections over the flights
-between (Yamane 2010, eq. (9)). A stream knows neither: a point is held where it touches down,
-and whatever changes (a touch-down, a release, a new place) is eased in by the same cubic.
+The same rules as in the batch path (:mod:`physretarget.contact`), applied to what is known of the
+motion and what is foreseen of it: rigid bodies get one place per stance, corrections are blended
+over flights, the root moves with the feet and inverse kinematics does the rest.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from physretarget.capture.actor import CONTACT_POINTS
-from physretarget.mjcf import Character
+from physretarget.contact import ContactSettings
+from physretarget.contact.carry import swivels
+from physretarget.contact.soles import sole_of, standing_bodies, turning_limit
+from physretarget.mjcf import Character, Points
+from physretarget.stream.body import Body, Solver
+from physretarget.stream.foot import START, Foot, Path
+from physretarget.stream.foresee import Flight, Going, Habit
 from physretarget.stream.touch import Touch
 
-__all__ = ["PlantSettings", "Planter"]
+__all__ = ["Planter"]
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-
 NEAR = 0.002
 """A point is held while it is this near to its place, m."""
-MOVED = 0.001
-"""A known place that differs by this much from the last one is a new one, m."""
-SUNK, LIFTED = 0.0005, 0.03
-"""A free point of a standing body stands once it is this deep in the floor, until the motion has
-it this high over it, m."""
+MISSED = 0.005
+"""A foot whose points stay farther than this from their places lets go, m."""
+AGAIN = 0.1
+"""Stances are formed anew at least so often, s, and whenever a foot lifts or lands."""
+BRISKLY, SLOWLY = 0.15, 0.3
+"""Time constants of the velocities, and of the turning, that are continued, s."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class PlantSettings:
-    """Times in s over which a point goes to the floor, is let go, or changes its place;
-    ``reach``: distance between where a point is held and where the motion has it, as a share
-    of the height, beyond which it takes a new place, lifted by ``hop`` of the height.
-    """
+@dataclass(frozen=True, eq=False)
+class _Frame:
+    """One frame that waits for its turn."""
 
-    land: float = 0.08
-    release: float = 0.25
-    change: float = 0.25
-    reach: float = 0.15
-    hop: float = 0.04
+    time: float
+    placed: Array
+    touch: Touch
 
 
 class Planter:
-    """Corrections of the character's contact points, frame by frame."""
+    """Plants a character's feet, frame by frame, ``delay`` s after they were seen."""
 
-    def __init__(self, character: Character, settings: PlantSettings | None = None) -> None:
-        self.settings = settings or PlantSettings()
+    def __init__(self, character: Character, settings: ContactSettings | None = None) -> None:
+        self.settings = settings or ContactSettings(cut_grid=1.0 / 12.0)
         self.character = character
-        tied = [CONTACT_POINTS.index(t) if t in CONTACT_POINTS else -1 for t in character.tied]
-        self.tied = np.array(tied, dtype=np.int64)
-        count = len(tied)
-        bodies = character.contacts.body
-        self.same = bodies[:, None] == bodies[None]
-        self.active = np.zeros(count, dtype=bool)
-        self.target = np.zeros((count, 3))
-        self.correction = np.zeros((count, 3))
-        self.residual = np.zeros((count, 3))
-        self.since = np.full(count, np.inf)
-        self.over = np.full(count, 1.0)
-        self.arc = np.zeros(count)
-        self.reached = np.full((count, 3), np.inf)
-        self.sunk = np.zeros(count, dtype=bool)
-        self.shift, self.shift_residual, self.shift_since = np.zeros(3), np.zeros(3), np.inf
+        self.habit = Habit()
+        self.feet = [self._foot(body) for body in standing_bodies(character).tolist()]
+        self.tied = [
+            np.array([CONTACT_POINTS.index(str(character.tied[i])) for i in foot.sole.points])
+            for foot in self.feet
+        ]
+        used = {name for name in character.tied if name}
+        self.others = np.array([name not in used for name in CONTACT_POINTS])
+        self.body = Body(character)
+        root = character.root_body if character.has_root else -1
+        own = [f for f in self.feet if f.sole.body == root and len(f.sole.local) > 2]
+        self.own = own[0] if own else None
+        self.swivels = swivels(character) if own else []
+        self._solvers()
+        self.waiting: list[_Frame] = []
+        self.done = 0
+        self.going = Going(1.0 / 60.0, np.zeros(2))
+        self.latest: Array | None = None
+        self.seen_at = self.started = -math.inf
+        self.rates, self.turning = np.zeros(5), 0.0
+        self.planned_at = -math.inf
+        self.flight = Flight()
+        self.borne_at = -math.inf
+        self.reached = np.zeros((len(character.contacts), 3))
+        self.held = np.zeros(len(character.contacts), dtype=bool)
+        self.offset: Array | None = None
 
-    def _with(self, points: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """(n,) which points are on one body with any of ``points`` (n,)."""
-        return np.asarray((self.same & points).any(axis=1))
+    def _foot(self, body: int) -> Foot:
+        character, told = self.character, self.settings
+        sole = sole_of(character, body)
+        tied = [str(character.tied[i]) for i in sole.points]
+        return Foot(
+            sole,
+            self.habit,
+            turning_limit(character, body, told),
+            character.floor_height,
+            character.height,
+            told,
+            walks=any(name.endswith(("heel", "toe")) for name in tied),
+        )
 
-    @property
-    def held(self) -> NDArray[np.bool_]:
-        """(n,) which points stand and have come to rest where they shall."""
-        near = np.linalg.norm(self.reached - self.target, axis=1) < NEAR
-        return np.asarray(self.active & (self.since >= self.over) & near)
+    def _solvers(self) -> None:
+        character, markers = self.character, self.character.markers
+        prior = np.full(character.tree.nv, self.settings.joint_weight * character.height**2)
+        if self.own is not None:
+            keep = np.flatnonzero(markers.body != character.root_body)
+            self.carried = Points(
+                tuple(markers.names[i] for i in keep), markers.body[keep], markers.local[keep]
+            )
+            self.solver = Solver(character, self.carried, steps=2)
+            self.solver.hold(prior)
+            self.solver.lock(np.arange(character.root_dof, character.root_dof + 6))
+            return
+        names, bodies, local = list(markers.names), [markers.body], [markers.local]
+        for foot in self.feet:
+            sole = foot.sole
+            count = len(sole.local) + len(sole.under)
+            names += [f"{sole.body}_{k}" for k in range(count)]
+            bodies.append(np.full(count, sole.body))
+            local += [sole.local, sole.under]
+        points = Points(tuple(names), np.concatenate(bodies), np.concatenate(local))
+        # A leg that is stretched to a place out of its reach is singular.
+        self.solver = Solver(character, points, steps=3, longest=0.3)
+        if character.has_root:
+            prior[character.root_dof : character.root_dof + 6] = 0.0
+        self.solver.hold(prior)
+        self.weight = np.ones(len(points))
 
-    @property
-    def idle(self) -> NDArray[np.bool_]:
-        """(n,) which points are free while another one of the same body stands."""
-        return ~self.active & self._with(self.active)
-
-    def next(
-        self, touch: Touch, place: Array, step: float, known: Array | None = None
-    ) -> tuple[Array, Array]:
-        """Corrections (n, 3) of points that the motion has at ``place`` (n, 3); shift (3,) of all.
-
-        The shift carries the whole body with the points that stand. ``known`` (n, 3): where
-        points belong that stand, NaN for those that do not, if that is known from elsewhere.
+    def see(
+        self, time: float, placed: Array, touch: Touch, com: Array, actor_com: Array, yaw: float
+    ) -> None:
+        """The latest frame: placed pose (nq,), contacts, centres of mass (character's: x, y) and
+        heading.
         """
-        told, floor = self.settings, self.character.floor_height
-        active = (self.tied >= 0) & touch.active[self.tied]
-        if known is not None:
-            active = np.asarray(np.isfinite(known).all(axis=1))
-        # What sinks while its body stands stands too, until the motion lifts it.
-        sunk = (self.reached[:, 2] < floor - SUNK) | self.sunk
-        self.sunk = sunk & self._with(active) & (place[:, 2] < floor + LIFTED)
-        self.sunk &= known is None
-        active = active | self.sunk
-        self.since += step
-        self.shift_since += step
-        landed, left = active & ~self.active, self.active & ~active
-        # A body that stands already is where it is, not where the motion has it.
-        standing = self._with(self.active & active)
-        come = np.where(standing[:, None], self.reached, place + self.correction)
-        self.target[landed] = come[landed]
-        self.target[landed, 2] = floor
-        far = self._moved_on(active & ~landed, place, known)
-        if known is not None:
-            self.target[active] = known[active]
-        changed = landed | left | far
-        changes_shift = bool(changed.any())
-        self.active = active
-        goal = np.where(active[:, None], self.target - place, 0.0)
-        shift_goal = goal[active].mean(axis=0) if active.any() else np.zeros(3)
-        if changes_shift:
-            self.shift_residual, self.shift_since = self.shift - shift_goal, 0.0
-        fade = 1.0 - _eased(self.shift_since / told.change)
-        self.shift = shift_goal + fade * self.shift_residual
-        goal[~active] = self.shift
-        self.residual[changed] = self.correction[changed] - goal[changed]
-        self.since[changed] = 0.0
-        self.over[landed], self.over[left], self.over[far] = told.land, told.release, told.change
-        self.arc[changed] = 0.0
-        self.arc[far] = told.hop * self.character.height if known is None else 0.0
-        share = np.minimum(self.since / self.over, 1.0)
-        self.correction = goal + (1.0 - _eased(share))[:, None] * self.residual
-        self.correction[:, 2] += 4.0 * self.arc * share * (1.0 - share)
-        low = floor - place[:, 2]
-        self.correction[:, 2] = np.maximum(self.correction[:, 2], low)
-        return self.correction, self.shift
+        self.body.pose(placed)
+        going = self._follow(time, com, actor_com, yaw)
+        going.landing, going.behind = self.flight.next(time, actor_com, touch)
+        going.falling = _falling(touch)
+        event = time < self.started + 2.0 * START
+        for foot, tied in zip(self.feet, self.tied, strict=True):
+            body = foot.sole.body
+            sample = foot.sample(
+                time,
+                np.array(self.body.data.xpos[body]),
+                np.array(self.body.data.xmat[body]).reshape(3, 3),
+                touch.active[tied],
+            )
+            event |= foot.seen.add(sample, going.velocity)
+        self.waiting.append(_Frame(time, placed, touch))
+        overdue = going.landing > 0.0 or time - self.planned_at > AGAIN
+        if event or overdue or any(self._surprised(foot) for foot in self.feet):
+            self.planned_at = time
+            for foot in self.feet:
+                foot.plan(going)
 
-    def _moved_on(self, standing: Bools, place: Array, known: Array | None) -> Bools:
-        """(n,) which of the standing points take a new place now; the whole sole goes along."""
-        if known is not None:
-            away = np.linalg.norm(np.nan_to_num(known - self.target), axis=1)
-            return np.asarray(standing & (away > MOVED))
-        away = np.linalg.norm((self.target - place)[:, :2], axis=1)
-        far = np.asarray(standing & (away > self.settings.reach * self.character.height))
-        if far.any():
-            far |= standing & self._with(far)
-            self.target[far] = place[far]
-            self.target[far, 2] = self.character.floor_height
-        return far
+    @staticmethod
+    def _surprised(foot: Foot) -> bool:
+        """Whether the latest frame is not what was foreseen."""
+        if foot.course is None:
+            return foot.used
+        row = foot.seen.end - 1 - foot.course.first
+        if row >= len(foot.course.active):
+            return True
+        latest = foot.seen.samples[-1].active
+        for side in foot.seen.sides:
+            if latest[side.mask].any() != foot.course.active[row][side.mask].any():
+                return True
+        return False
+
+    def _follow(self, time: float, com: Array, actor_com: Array, yaw: float) -> Going:
+        """How the body goes on."""
+        now = np.array([*com[:2], *actor_com[:2], yaw])
+        if self.latest is None:
+            self.latest, self.seen_at, self.started = now, time, time
+            return self.going
+        going, step, age = self.going, time - self.seen_at, time - self.started
+        going.step = step
+        # At first the mean since the start, later one of the latest past.
+        share = max(1.0 - math.exp(-step / BRISKLY), step / age)
+        self.rates += share * ((now - self.latest) / step - self.rates)
+        share = max(1.0 - math.exp(-step / SLOWLY), step / age)
+        self.turning += share * ((yaw - self.latest[4]) / step - self.turning)
+        going.velocity = self.rates[:2]
+        going.turning = self.turning * (1.0 - math.exp(-age / SLOWLY))
+        self.habit.going(float(np.linalg.norm(self.rates[2:4])))
+        self.latest, self.seen_at = now, time
+        return going
+
+    def next(self) -> Array:
+        """The pose (nq,) of the oldest frame that waits."""
+        frame = self.waiting.pop(0)
+        index = self.done
+        self.done += 1
+        feet = [foot for foot in self.feet if foot.used]
+        for foot in feet:
+            foot.decide(index)
+        throw, linear = self._thrown(frame)
+        paths = {foot.sole.body: foot.path(index, throw, linear=linear) for foot in feet}
+        qpos = self._posed(frame.placed, paths)
+        self._measure(frame.time, qpos, paths)
+        for foot in self.feet:
+            foot.seen.forget(index)
+        return qpos
+
+    def _thrown(self, frame: _Frame) -> tuple[tuple[float, float] | None, bool]:
+        """The flight of the whole: from when to when, and whether corrections go linearly."""
+        borne = bool(frame.touch.active[self.others].any())
+        borne |= any(foot.standing for foot in self.feet)
+        if borne:
+            self.borne_at = frame.time
+            return None, False
+        down = min((foot.comes_down(self.done - 1) for foot in self.feet), default=math.inf)
+        lasts = down - self.borne_at
+        if not lasts <= self.settings.longest_flight:
+            return None, not math.isfinite(down)
+        return (max(self.borne_at, min(self.flight.began, frame.time)), down), True
+
+    def _posed(self, placed: Array, paths: dict[int, Path]) -> Array:
+        character = self.character
+        if not paths:
+            return placed
+        if self.own is not None:
+            return self._carried(placed, paths[self.own.sole.body])
+        markers = character.markers
+        self.body.pose(placed)
+        near = np.array([1.0 / (1.0 + (p.away / 0.2) ** 2) for p in paths.values()]) + 1e-6
+        near /= near.sum()
+        shift = near @ np.array([p.shift for p in paths.values()])
+        moved = np.array(placed)
+        moved[character.root_qpos : character.root_qpos + 3] += shift
+        target = [self.body.points(markers) + shift]
+        at = len(markers)
+        for foot in self.feet:
+            sole, path = foot.sole, paths.get(foot.sole.body)
+            if path is None:  # the weight of its points is nought
+                count = len(sole.local) + len(sole.under)
+                target.append(np.zeros((count, 3)))
+                self.weight[at : at + count] = 0.0
+                at += count
+                continue
+            target.append(path.points(sole.local, sole.centre))
+            target.append(path.points(sole.under, sole.centre))
+            weight = self._weight(path.away)
+            self.weight[at : at + len(sole.local)] = weight
+            at += len(sole.local)
+            count = len(sole.under)
+            self.weight[at : at + count] = self.settings.flank_weight / max(count, 1) * weight
+            at += count
+        self.solver.weigh(self.weight)
+        start = np.array(moved)
+        model = self.solver.body.model
+        if self.offset is not None:  # the change of the frame before is a good first guess
+            mujoco.mj_integratePos(model, start, self.offset, 1.0)
+        else:
+            self.offset = np.zeros(model.nv)
+        qpos = self.solver.solve(start, np.concatenate(target), near=moved, tolerance=1e-4)
+        mujoco.mj_differentiatePos(model, self.offset, 1.0, moved, qpos)
+        return qpos
+
+    def _weight(self, away: float) -> float:
+        """Of a sole's points, in steps, since every other weight costs time."""
+        told = self.settings
+        flight = told.flight_weight / (1.0 + (away / told.fade) ** 2) ** 2
+        weight = flight + (told.stance_weight - flight) * math.exp(-((away / 0.04) ** 2))
+        return float(2.0 ** round(math.log2(max(weight, 1e-3))))
+
+    def _carried(self, placed: Array, path: Path) -> Array:
+        """The whole pose carried along with the root on its path, facing where it faced."""
+        character, foot = self.character, self.own
+        assert foot is not None
+        moved, at = np.array(placed), character.root_qpos
+        moved[at : at + 3] = path.centre - path.rotation @ foot.sole.centre
+        quat = np.zeros(4)
+        mujoco.mju_mat2Quat(quat, np.ascontiguousarray(path.rotation).ravel())
+        moved[at + 3 : at + 7] = quat
+        back = -math.remainder(path.yaw, 2.0 * math.pi)
+        if not self.swivels or abs(back) < 1e-6:
+            return moved
+        turned = np.array(moved)
+        for joint, sign in self.swivels:
+            value = min(
+                max(moved[joint] + sign * back, character.lower[joint]), character.upper[joint]
+            )
+            reached = sign * (value - moved[joint])
+            back = reached if abs(reached) < abs(back) else back
+        for joint, sign in self.swivels:
+            turned[joint] = moved[joint] + sign * back
+        lean = 1.0 - float(path.rotation[2] @ foot.sole.flat[2])
+        if abs(back) * math.sqrt(2.0 * max(lean, 0.0)) <= 1e-3:
+            return turned
+        self.body.pose(moved)
+        arm = self.body.points(self.carried) - path.centre
+        c, s = math.cos(back), math.sin(back)
+        target = arm.copy()
+        target[:, 0] = c * arm[:, 0] - s * arm[:, 1]
+        target[:, 1] = s * arm[:, 0] + c * arm[:, 1]
+        return self.solver.solve(turned, path.centre + target, near=turned)
+
+    def _measure(self, time: float, qpos: Array, paths: dict[int, Path]) -> None:
+        """Which points are held; a foot that does not reach its place lets go."""
+        self.body.pose(qpos)
+        self.reached = self.body.points(self.character.contacts)
+        self.held[:] = False
+        missed: list[Foot] = []
+        for foot in self.feet:
+            path = paths.get(foot.sole.body)
+            if path is None or path.prints is None:
+                continue
+            away = np.linalg.norm(self.reached[foot.sole.points] - path.prints, axis=1)
+            self.held[foot.sole.points] = away < NEAR
+            wanted = path.points(foot.sole.local, foot.sole.centre)
+            miss = np.linalg.norm(self.reached[foot.sole.points] - wanted, axis=1)
+            if (miss > MISSED).any():
+                missed.append(foot)
+        if not missed or self.own is not None:
+            return
+        standing = [foot for foot in self.feet if foot.stance is not None]
+        oldest = min(standing, key=lambda f: f.stance.since if f.stance else math.inf)
+        assert oldest.stance is not None
+        if len(standing) > 1 or time - oldest.stance.since > self.settings.min_piece:
+            oldest.leave(self.done - 1, out_of_reach=True)
 
 
-def _eased(share: Array | float) -> Array:
-    """Eq. (9)'s weight h²(3 - 2h), one from the end on."""
-    h = np.minimum(share, 1.0)
-    result: Array = h * h * (3.0 - 2.0 * h)
-    return result
+def _falling(touch: Touch) -> dict[str, float]:
+    """When each foot touches down, if it falls."""
+    found: dict[str, float] = {}
+    for name, seconds in zip(CONTACT_POINTS, touch.landing.tolist(), strict=True):
+        side, _, rest = name.partition("_")
+        if rest in ("heel", "toe") and 0.0 < seconds < math.inf:
+            found[side] = min(seconds, found.get(side, math.inf))
+    return found

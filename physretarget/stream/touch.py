@@ -28,11 +28,13 @@ class Touch:
     """The actor's contact points at one instant, in the order of ``CONTACT_POINTS``.
 
     ``active`` (10,) planted now. ``landing`` (10,) s until touch-down if the point goes on
-    falling as it does; infinite where none is foreseen, zero while planted.
+    falling as it does; infinite where none is foreseen, zero while planted. ``clearance`` m from
+    the lowest foot to the floor.
     """
 
     active: Bools
     landing: Array
+    clearance: float = 0.0
 
 
 class Toucher:
@@ -71,7 +73,8 @@ class Toucher:
             landing = np.where(falling > 0.05, np.maximum(height, 1e-3) / falling, np.inf)
         landing[landing > HORIZON] = np.inf
         landing[self.active] = 0.0
-        return Touch(self.active.copy(), landing)
+        clearance = float(height[self.feet].min()) * self.scale
+        return Touch(self.active.copy(), landing, max(clearance, 0.0))
 
     def _rest(self, height: Array, speed: Array) -> None:
         feet = height[self.feet]
