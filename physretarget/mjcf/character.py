@@ -17,6 +17,7 @@ from physretarget.capture.actor import CONTACT_POINTS
 from physretarget.errors import InputError
 from physretarget.kinematics import Tree
 from physretarget.mjcf.convert import tree_of
+from physretarget.mjcf.floor import find_floor
 from physretarget.mjcf.points import Points, declared_points, generated_markers
 from physretarget.mjcf.reference import lowest_and_highest, tree_bodies
 from physretarget.mjcf.source import Source, read_source, source_of_text
@@ -25,7 +26,6 @@ __all__ = ["Character", "Points"]
 
 Array = NDArray[np.float64]
 
-DEFAULT_FRICTION = 1.0  # MuJoCo's own default of a geom's sliding friction
 REFERENCE_KEYFRAMES = ("home", "stand")
 
 
@@ -41,11 +41,14 @@ class Character:
         tree: the same kinematic tree in plain NumPy.
         front, up: (3,) unit vectors in the root body's frame.
         floor_height: z of the floor (m); 0 where the file has none.
-        has_floor: whether the file declares a floor plane.
+        has_floor: whether the file declares a floor: a plane, or the flat top of a box or of a
+            height field.
         markers: virtual markers, declared as sites ``marker_*`` or three per moving body.
         contacts: declared contact points, sites ``contact_*``; may be empty.
         tied: for each contact point the actor's contact point it follows, or None.
-        friction: sliding friction coefficient between character and floor.
+        friction: sliding friction coefficient of the floor: what motion is made for.
+        foot_friction: the same mixed with that of the geoms stood on, as MuJoCo does: what motion
+            is judged by. At least ``friction``, but where priorities say otherwise.
         mass: of the root's tree (kg).
         height: vertical extent of its geometry in the reference pose (m).
         com_height: height of the centre of mass above the lowest point of the geometry in the
@@ -71,6 +74,7 @@ class Character:
     contacts: Points
     tied: tuple[str | None, ...]
     friction: float
+    foot_friction: float
     mass: float
     height: float
     com_height: float
@@ -176,7 +180,8 @@ def _character(source: Source, model: mujoco.MjModel, fallback: str) -> Characte
         mujoco.mj_comPos(model, data)
         bodies = tree_bodies(model, root)
         low, high = lowest_and_highest(model, data, bodies)
-        floor, friction = _floor(model, data, notes)
+        told = _numeric(model, "friction", 1)
+        floor, friction, mixed = find_floor(model, data, bodies, told, notes)
         markers = declared_points(model, "marker_")
         if not len(markers):
             moving = bodies[model.body_jntnum[bodies] > 0]
@@ -197,6 +202,7 @@ def _character(source: Source, model: mujoco.MjModel, fallback: str) -> Characte
             contacts=contacts,
             tied=_tied(model, contacts),
             friction=friction,
+            foot_friction=mixed,
             mass=float(model.body_mass[bodies].sum()),
             height=high - low,
             com_height=float(data.subtree_com[root, 2]) - low,
@@ -252,31 +258,6 @@ def _reference_qpos(model: mujoco.MjModel) -> Array:
         if name in names:
             return np.array(model.key_qpos[names.index(name)])
     return np.array(model.key_qpos[0] if names else model.qpos0)
-
-
-def _floor(
-    model: mujoco.MjModel, data: mujoco.MjData, notes: list[str]
-) -> tuple[float | None, float]:
-    """Height of the floor, None without one, and sliding friction on it."""
-    planes = [
-        geom
-        for geom in np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE)
-        if model.body_weldid[model.geom_bodyid[geom]] == 0
-        and data.geom_xmat[geom].reshape(3, 3)[2, 2] > 0.999
-    ]
-    told = _numeric(model, "friction", 1)
-    if told is not None and not told[0] > 0:
-        raise InputError(f"custom numeric 'friction' is {told[0]:g}, it must be above zero")
-    if not planes:
-        notes.append("no floor plane in the file: the floor is taken at z = 0")
-        if np.any(model.geom_type == mujoco.mjtGeom.mjGEOM_HFIELD):
-            notes.append("the height field is not used as a floor")
-        if told is None:
-            notes.append(f"no friction given: {DEFAULT_FRICTION:g} is assumed")
-        return None, DEFAULT_FRICTION if told is None else float(told[0])
-    top = max(planes, key=lambda geom: float(data.geom_xpos[geom, 2]))
-    friction = float(model.geom_friction[top, 0]) if told is None else float(told[0])
-    return float(data.geom_xpos[top, 2]), friction
 
 
 def _bounds(model: mujoco.MjModel) -> tuple[Array, Array]:

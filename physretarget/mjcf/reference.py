@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["body_radius", "lowest_and_highest", "tree_bodies"]
+__all__ = ["body_radius", "geom_span", "lowest_and_highest", "tree_bodies"]
 
 Array = NDArray[np.float64]
 
@@ -38,9 +38,15 @@ def lowest_and_highest(
     if not geoms:
         heights = np.concatenate([data.xpos[bodies, 2], data.xipos[bodies, 2]])
         return float(heights.min()), float(heights.max())
-    reach = np.array([_reach(model, geom, data.geom_xmat[geom].reshape(3, 3)[2]) for geom in geoms])
-    centre = data.geom_xpos[geoms, 2]
-    return float((centre - reach[:, 0]).min()), float((centre + reach[:, 1]).max())
+    spans = np.array([geom_span(model, data, geom) for geom in geoms])
+    return float(spans[:, 0].min()), float(spans[:, 1].max())
+
+
+def geom_span(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> tuple[float, float]:
+    """Lowest and highest world z of a geom that is not endless."""
+    down, up = _reach(model, geom, data.geom_xmat[geom].reshape(3, 3)[2])
+    centre = float(data.geom_xpos[geom, 2])
+    return centre - down, centre + up
 
 
 def _reach(model: mujoco.MjModel, geom: int, up: Array) -> tuple[float, float]:

@@ -129,7 +129,7 @@ def analyse(
     tolerance = settings.contact_tolerance_m
     if tolerance is None:
         tolerance = float(np.clip(_TOLERANCE_OF_HEIGHT * height, *_TOLERANCE_M))
-    friction = settings.friction or character.friction
+    friction = settings.friction or character.foot_friction
     work = Workspace.build(character, tolerance=tolerance, friction=friction)
     said = _declared(clip, character, time if len(uneven) else None)
     hz = settings.lowpass_hz
