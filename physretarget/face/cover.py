@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from physretarget.face.cuts import prefer_cuts
+from physretarget.face.cuts import cut_discounts
 from physretarget.face.joint import joint_paths
 from physretarget.face.place import Placed, cut_confidence, lengths, shortest_path
-from physretarget.face.screen import Method, ScreenSettings, Windows, window_costs
-from physretarget.face.templates import Bank
+from physretarget.face.refine import Model, refine
+from physretarget.face.screen import Method, ScreenSettings, Windows, lay, window_costs
+from physretarget.face.templates import Bank, Offer
 
 Array = NDArray[np.float64]
 _BLOCK = 3_000_000  # residuals held at once
@@ -138,28 +139,36 @@ def price(
     coarse = set(_coarse(spans, fps)) if settings.phrases else set()
     capture = Windows.of(job.values, job.smooth, job.weight)
     for index, n in enumerate(spans):
-        offers = [_spans_offer(bank, int(n), fps, settings)]
-        if int(n) in coarse:
-            offers.append(_phrases_offer(bank, int(n), fps, settings))
-        weight = np.float32((n + 1) * (30.0 / fps) / (2.0 * settings.fidelity**2))
-        for offer in offers:
-            if offer is not None:
-                _bid(cost, best, index, offer, capture, weight, int(n), method, screen)
+        for offer in offers(bank, int(n), fps, settings, int(n) in coarse):
+            _bid(cost, best, index, offer, capture, unit_price(n, fps, settings), int(n), method,
+                 screen)  # fmt: skip
     if job.barred.any():
         _bar(cost, spans, job.barred)
     share = settings.key_cost
-    prefer_cuts(cost, job.smooth, fps, settings.turns * share, settings.rests * share)
+    less = cut_discounts(job.smooth, fps, settings.turns * share, settings.rests * share)
+    cost -= less[:, :, None]
+    if method == "hmm":
+        model = Model.of(
+            capture,
+            lambda n: offers(bank, n, fps, settings, n in coarse),
+            lambda n: unit_price(n, fps, settings),
+            screen,
+        )
+        refine(cost, best, spans, less, model)
     return Priced(cost, best, spans, len(bank.spans))
 
 
-@dataclass(frozen=True, eq=False)
-class Offer:
-    """Templates that are tried on windows of one length: numbers (spans before phrases), prices."""
+def offers(bank: Bank, n: int, fps: float, settings: CoverSettings, phrases: bool) -> list[Offer]:
+    """What a bank has for windows of n + 1 frames."""
+    found = [_spans_offer(bank, n, fps, settings)]
+    if phrases:
+        found.append(_phrases_offer(bank, n, fps, settings))
+    return [offer for offer in found if offer is not None]
 
-    numbers: NDArray[np.intp]
-    shapes: NDArray[np.float32]
-    price: NDArray[np.float32]
-    amplitudes: tuple[NDArray[np.float32], NDArray[np.float32]] | None = None
+
+def unit_price(n: int, fps: float, settings: CoverSettings) -> np.float32:
+    """What a squared unit per frame costs in windows of n + 1 frames."""
+    return np.float32((n + 1) * (30.0 / fps) / (2.0 * settings.fidelity**2))
 
 
 def _spans_offer(bank: Bank, n: int, fps: float, settings: CoverSettings) -> Offer | None:
@@ -222,16 +231,9 @@ def _bid(
         block = slice(first, first + step)
         rows = np.arange(channels)[block]
         count = len(rows)
-        own = window_costs(
-            capture,
-            (rows[:, None] * frames + starts).ravel(),
-            n,
-            offer.shapes,
-            method,
-            screen,
-            offer.amplitudes,
-        )
-        total = own * weight + offer.price
+        at = (rows[:, None] * frames + starts).ravel()
+        laid = lay(capture, at, n, offer.shapes, method, screen, offer.amplitudes)
+        total = window_costs(laid, method, screen) * weight + offer.price
         pick = np.argmin(total, axis=1)
         low = np.take_along_axis(total, pick[:, None], 1).reshape(count, -1)
         better = low < cost[block, n:, index]

@@ -31,12 +31,12 @@ def rest_frames(smooth: Array, fps: float) -> NDArray[np.intp]:
     return np.unique(np.concatenate([first[long], last[long]]))
 
 
-def prefer_cuts(
-    cost: NDArray[np.float32], smooth: Array, fps: float, turns: float, rests: float
-) -> None:
-    """Lower the prices (C, M, L) of all windows that end at such frames, in place."""
+def cut_discounts(smooth: Array, fps: float, turns: float, rests: float) -> NDArray[np.float32]:
+    """(C, M) by how much windows that end at a frame are cheaper, for channels (C, M)."""
+    less = np.zeros(smooth.shape, dtype=np.float32)
     for channel, values in enumerate(smooth):
         if turns and len(values) > 2:
-            cost[channel, turning_frames(values)] -= np.float32(turns)
+            less[channel, turning_frames(values)] += np.float32(turns)
         if rests and len(values) > 2:
-            cost[channel, rest_frames(values, fps)] -= np.float32(rests)
+            less[channel, rest_frames(values, fps)] += np.float32(rests)
+    return less

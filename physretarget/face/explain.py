@@ -7,11 +7,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from physretarget.face.cover import CoverSettings, Job
+from physretarget.face.cover import CoverSettings, Job, unit_price
 from physretarget.face.curve import Curve
 from physretarget.face.library import Library
 from physretarget.face.place import Placed
-from physretarget.face.screen import Method, ScreenSettings, Windows, window_costs
+from physretarget.face.screen import (
+    Method,
+    ScreenSettings,
+    Windows,
+    aligned_costs,
+    lay,
+    slack_of,
+    window_costs,
+)
 from physretarget.face.templates import Bank, Template
 
 Array = NDArray[np.float64]
@@ -66,6 +74,7 @@ def runners_up(
         for piece in chain:
             alike.setdefault((piece.phrase, piece.last - piece.first), []).append((channel, piece))
     capture = Windows.of(job.values, job.smooth, job.weight)
+    slack = slack_of(capture, screen)
     frames = job.values.shape[1]
     found: dict[tuple[int, int], tuple[int, float]] = {}
     for (phrase, n), members in alike.items():
@@ -78,11 +87,20 @@ def runners_up(
             amplitudes = (np.zeros_like(most), most * np.float32(screen.amplitude[1]))
         shapes = bank.phrase_shapes(n, n / fps) if phrase else bank.span_shapes(n)
         starts = np.array([c * frames + p.first for c, p in members])
-        cost = window_costs(capture, starts, n, shapes, method, screen, amplitudes)
+        laid = lay(capture, starts, n, shapes, method, screen, amplitudes)
+        cost = window_costs(laid, method, screen)
         common = np.log([len(t.segments) for t in templates]) * settings.prior
-        price = cost * ((n + 1) * (30.0 / fps) / (2.0 * settings.fidelity**2)) - common
+        unit = float(unit_price(n, fps, settings))
         rows = np.arange(len(members))
         chosen = np.array([p.template for _, p in members])
+        if method == "hmm":
+            limit = np.sort(cost - common / unit, axis=1)[:, 1:2] + common / unit
+            limit[rows, chosen] = np.inf
+            room = slack.windows(n)[:, [c for c, _ in members], [p.first for _, p in members]]
+            cost = aligned_costs(
+                laid, cost, room.astype(np.float32), limit.astype(np.float32), screen
+            )
+        price = cost * unit - common
         own = price[rows, chosen].copy()
         price[rows, chosen] = np.inf
         other = np.argmin(price, axis=1)

@@ -9,7 +9,15 @@ from numpy.typing import NDArray
 
 from physretarget.face.cover import Covered, CoverSettings, Job, cover
 from physretarget.face.place import Placed, lengths
-from physretarget.face.screen import Method, ScreenSettings, Windows, window_costs
+from physretarget.face.screen import (
+    Method,
+    ScreenSettings,
+    Windows,
+    aligned_costs,
+    lay,
+    slack_of,
+    window_costs,
+)
 from physretarget.face.templates import Bank
 
 
@@ -84,15 +92,12 @@ def _claim(
         starts = np.flatnonzero((busy[n:-1] - busy[1:-n] == 0) & ~ends)
         if not len(starts):
             return
-        cost = window_costs(
-            capture,
-            starts,
-            n,
-            shapes,
-            method,
-            screen,
-            bounds,
-        )
+        laid = lay(capture, starts, n, shapes, method, screen, bounds)
+        cost = window_costs(laid, method, screen)
+        if method == "hmm":
+            room = slack_of(capture, screen).windows(n)[:, 0, starts].astype(np.float32)
+            limit = np.full(cost.shape, fidelity**2, dtype=np.float32)
+            cost = aligned_costs(laid, cost, room, limit, screen)
         score = np.where(cost <= fidelity**2, cost, np.inf)
         best = int(np.argmin(score))
         row, column = divmod(best, score.shape[1])

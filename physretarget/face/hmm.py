@@ -94,3 +94,11 @@ def _step(
         arrive[:, step:] = np.where(better, near, arrive[:, step:])
         source[:, step:] = np.where(better, frames[: m - step], source[:, step:])
     return arrive, source
+
+
+def align(example: Array, capture: Array, beta: float = 0.02) -> NDArray[np.intp]:
+    """(N,) frames of a capture window (M,) that an example's points (N,) belong to."""
+    cost = emission(features(example), features(capture))
+    _, path = viterbi(cost[None], beta, free_end=False)
+    frames: NDArray[np.intp] = path[0]
+    return frames

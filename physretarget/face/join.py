@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget.face.curve import Key
+from physretarget.face.hmm import align
 from physretarget.face.place import Placed
-from physretarget.face.screen import Method, align
+from physretarget.face.screen import Method
 from physretarget.face.templates import Bank, sample
 from physretarget.face.warp import Draft
 

@@ -69,6 +69,27 @@ def shortest_path(
     return paths
 
 
+def cheapest_through(cost: NDArray[np.float32], spans: NDArray[np.intp]) -> NDArray[np.float32]:
+    """(C, M, L) price of the cheapest chain that holds the edge, for prices as shortest_path's."""
+    channels, frames, _ = cost.shape
+    ahead = np.full((channels, frames), np.inf, dtype=np.float32)
+    behind = ahead.copy()
+    ahead[:, 0] = behind[:, -1] = 0.0
+    for j in range(1, frames):
+        usable = int(np.searchsorted(spans, j, side="right"))
+        if not usable:
+            continue
+        ahead[:, j] = (ahead[:, j - spans[:usable]] + cost[:, j, :usable]).min(axis=1)
+        i = frames - 1 - j
+        ends = i + spans[:usable]
+        behind[:, i] = (behind[:, ends] + cost[:, ends, np.arange(usable)]).min(axis=1)
+    through = cost + behind[:, :, None]
+    for index, n in enumerate(spans):
+        through[:, n:, index] += ahead[:, : frames - n]
+        through[:, :n, index] = np.inf
+    return through
+
+
 def cut_confidence(
     cost: NDArray[np.float32], spans: NDArray[np.intp], temperature: float, reach: int = 1
 ) -> Array:
@@ -102,30 +123,3 @@ def _log_sum(rows: Array) -> Array:
     with np.errstate(divide="ignore"):
         total: Array = np.log(np.exp(rows - safe[:, None]).sum(axis=1)) + safe
     return total
-
-
-def weighted_intervals(
-    first: NDArray[np.intp], last: NDArray[np.intp], price: Array, frames: int, idle: float
-) -> list[int]:
-    """Cheapest choice of intervals that overlap at most at their ends; uncovered frames cost idle.
-
-    A twin of shortest_path for a list of candidates, O(n log n): intervals by their ends.
-    """
-    order = np.argsort(last, kind="stable")
-    ends = last[order]
-    best = np.zeros(len(order) + 1)
-    use = np.zeros(len(order), dtype=bool)
-    before = np.searchsorted(ends, first[order], side="right")
-    for k, index in enumerate(order):
-        gain = price[index] - idle * (last[index] - first[index])
-        use[k] = best[before[k]] + gain < best[k]
-        best[k + 1] = min(best[k], best[before[k]] + gain)
-    chosen = []
-    k = len(order)
-    while k > 0:
-        if use[k - 1]:
-            chosen.append(int(order[k - 1]))
-            k = int(before[k - 1])
-        else:
-            k -= 1
-    return chosen[::-1]

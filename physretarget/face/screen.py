@@ -14,7 +14,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from physretarget.face import hmm, sax
+from physretarget.face import sax
+from physretarget.face.alignment import Feature, Pairs, Slack, aligned, lower_bound
 from physretarget.face.distance import windows
 
 Array = NDArray[np.float64]
@@ -27,7 +28,11 @@ METHODS: tuple[Method, ...] = ("distance", "sax", "hmm")
 class ScreenSettings:
     """Bounds on amplitude (output over library) and the matchers' own parameters.
 
-    word, alphabet: SAX; slope, curvature: weights of the hidden Markov model's features.
+    word, alphabet: SAX. slope, curvature: weights of the hidden Markov model's features; haste: its
+    price of one frame off the even pace, in units of squared values. beam: windows whose cheapest
+    chain is dearer than the cheapest of all by more are not aligned, and paths stray by one frame
+    at most; None: bounds decide and paths stray as they like, which surely gives the placement of
+    aligning everything, in several times the time.
     """
 
     amplitude: tuple[float, float] = (0.2, 5.0)
@@ -35,6 +40,8 @@ class ScreenSettings:
     alphabet: int = 8
     slope: float = 0.25
     curvature: float = 0.05
+    haste: float = 2e-3
+    beam: float | None = 12.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,32 +49,45 @@ class Windows:
     """Channels laid end to end (M,), in units of what each moves.
 
     values: the capture. smooth: the same without noise; windows start and end on it.
-    weight: how much a frame counts (1: fully). pace (M, 2): the channel's spread of values over
-    its spread of slopes (frames) and of curvatures (frames squared).
+    weight: how much a frame counts (1: fully). slopes (2, M): slope and curvature over the
+    channel's own spread of them, times its spread of values. pace (2, M): these factors.
+    frames: of one channel.
     """
 
     values: Array32
     smooth: Array32
     weight: Array32
+    slopes: Array32
     pace: Array32
+    frames: int
 
     @classmethod
     def of(cls, values: Array, smooth: Array, weight: Array) -> Windows:
         """Channels (C, M) end to end, in single precision."""
         spread = smooth.std(axis=1)
-        pace = np.empty((*smooth.shape, 2))
-        for order in (1, 2):
-            steep = np.diff(smooth, n=order, axis=1).std(axis=1) if smooth.shape[1] > 3 else spread
-            pace[:, :, order - 1] = (spread / np.maximum(steep, 1e-3 * spread + 1e-9))[:, None]
+        slopes, pace = np.zeros((2, 2, *smooth.shape))
+        steep = smooth
+        for order in range(2 if smooth.shape[1] > 3 else 0):
+            steep = np.gradient(steep, axis=1)
+            factor = spread / np.maximum(steep.std(axis=1), 1e-3 * spread + 1e-9)
+            pace[order] = factor[:, None]
+            slopes[order] = steep * factor[:, None]
         flat = [a.astype(np.float32).ravel() for a in (values, smooth, weight)]
-        return cls(flat[0], flat[1], flat[2], pace.astype(np.float32).reshape(-1, 2))
+        two = [a.astype(np.float32).reshape(2, -1) for a in (slopes, pace)]
+        return cls(flat[0], flat[1], flat[2], two[0], two[1], smooth.shape[1])
 
 
-_Feature = tuple[Array32, Array32, Array32]
-"""Windows (R, m), shapes (S, m) and gains (R, 1) or (R, S): what (windows - gain shapes) is of."""
+@dataclass(frozen=True, eq=False)
+class Laid:
+    """Shapes (S, n + 1) laid over windows (R, n + 1): features, weight of frames, rise (R, 1)."""
+
+    features: list[Feature]
+    weight: Array32
+    rise: Array32
+    phrases: bool
 
 
-def window_costs(
+def lay(
     capture: Windows,
     starts: NDArray[np.intp],
     n: int,
@@ -75,11 +95,8 @@ def window_costs(
     method: Method,
     settings: ScreenSettings,
     amplitudes: tuple[Array32, Array32] | None = None,
-) -> Array32:
-    """(R, S) what the method holds against shapes (S, n+1) on windows of n+1 frames, per frame.
-
-    In units of squared values, whatever the method; amplitudes bounds (S,) mark phrases.
-    """
+) -> Laid:
+    """Shapes (S, n+1) over windows of n+1 frames; amplitudes bounds (S,) mark phrases."""
     ramp = np.linspace(0.0, 1.0, n + 1, dtype=np.float32)
     first, last = capture.smooth[starts], capture.smooth[starts + n]
     rise = (last - first)[:, None]
@@ -93,15 +110,59 @@ def window_costs(
         power = np.maximum(weight @ (base * base).T, 1e-12)
         gain = np.asarray((weight * level) @ base.T / power, np.float32)
         gain = np.clip(gain, amplitudes[0], amplitudes[1])
-    features: list[_Feature] = [(level, base, gain)]
+    features: list[Feature] = [(level, base, gain)]
     if method == "hmm" and n >= 3:
-        tilt = rise if amplitudes is not None else np.zeros_like(rise)
-        features += _hmm_features(capture, starts, n, base, gain, tilt, settings)
-    cost = _squared(features, weight)
-    return cost + _sax_part(level, base, rise, settings) if method == "sax" else cost
+        tilt = rise if amplitudes is not None else None
+        features += _slope_features(capture, starts, n, base, gain, tilt, settings)
+    return Laid(features, weight, rise, amplitudes is not None)
 
 
-def _squared(features: list[_Feature], weight: Array32) -> Array32:
+def window_costs(laid: Laid, method: Method, settings: ScreenSettings) -> Array32:
+    """(R, S) what the method holds against shapes on windows, per frame.
+
+    In units of squared values, whatever the method. The hidden Markov model's is that of the even
+    alignment, one path of many; ``aligned_costs`` looks for the cheapest.
+    """
+    cost = _squared(laid.features, laid.weight)
+    if method == "sax":
+        level, base, _ = laid.features[0]
+        return cost + _sax_part(level, base, laid.rise, settings)
+    return cost
+
+
+def slack_of(capture: Windows, settings: ScreenSettings) -> Slack:
+    """How much warping can change the model's features, for bounds from below."""
+    shape = (-1, capture.frames)
+    shares = np.array([settings.slope, settings.curvature], dtype=np.float32)[:, None]
+    own = [capture.values, *(shares * capture.slopes)]
+    return Slack.of([a.reshape(shape) for a in own], capture.weight.reshape(shape))
+
+
+def aligned_costs(
+    laid: Laid, even: Array32, slack: Array32, limit: Array32, settings: ScreenSettings
+) -> Array32:
+    """(R, S) as window_costs with every alignment's price, exact where it is below limit (R, S).
+
+    Elsewhere it is what the even one costs. slack (D, R): of these windows.
+    """
+    m = laid.weight.shape[1]
+    if m < 3:
+        return even
+    room = slack[:, :, None]
+    if laid.phrases:  # the ramp that is taken off moves on as well
+        strays = np.arange(1, len(slack) + 1, dtype=np.float32)[:, None, None]
+        room = room + strays * np.abs(laid.rise) / np.float32(m - 1)
+    bound = lower_bound(even, room, settings.haste, m)
+    rows, columns = np.nonzero((bound < limit) & (bound < even))
+    cost = even.copy()
+    if len(rows):
+        pairs = Pairs(laid.features, laid.weight, rows, columns)
+        found = aligned(pairs, settings.haste, limit[rows, columns], widen=settings.beam is None)
+        cost[rows, columns] = np.minimum(found, even[rows, columns])
+    return cost
+
+
+def _squared(features: list[Feature], weight: Array32) -> Array32:
     """(R, S) sum over features of the weighted mean of (windows - gain shapes) squared.
 
     Expanded, so that one matrix product does it for all templates where gains are of the window.
@@ -154,37 +215,35 @@ def _sax_part(level: Array32, shapes: Array32, rise: Array32, settings: ScreenSe
     return part
 
 
-def _hmm_features(
+def _slope_features(
     capture: Windows,
     starts: NDArray[np.intp],
     n: int,
     shapes: Array32,
     gain: Array32,
-    tilt: Array32,
+    tilt: Array32 | None,
     settings: ScreenSettings,
-) -> list[_Feature]:
-    """Slope and curvature of windows and shapes, each over the channel's own spread.
-
-    With the values these are the squared emissions of the even alignment, which bound the squared
-    Viterbi cost from above: the even alignment is a path.
-    """
-    found: list[_Feature] = []
-    for order, share in ((1, settings.slope), (2, settings.curvature)):
+) -> list[Feature]:
+    """Slope and curvature of windows and shapes, each over the channel's own spread."""
+    found: list[Feature] = []
+    steep = shapes
+    for order, share in enumerate((settings.slope, settings.curvature)):
+        steep = _gradient(steep)
         if share == 0:
             continue
-        scale: Array32 = np.float32(share) * capture.pace[starts, order - 1][:, None]
-        steep = np.diff(capture.smooth, n=order)
-        target = windows(steep, n + 1 - order)[starts]
-        if order == 1:
-            target -= tilt / n  # a copy: phrases have had their ramp taken off
-        target *= scale
-        found.append((target, np.diff(shapes, n=order, axis=1), gain * scale))
+        scale: Array32 = np.float32(share) * capture.pace[order, starts][:, None]
+        target: Array32 = np.float32(share) * windows(capture.slopes[order], n + 1)[starts]
+        if order == 0 and tilt is not None:  # phrases have had their ramp taken off
+            target -= tilt / np.float32(n) * scale
+        found.append((target, steep, gain * scale))
     return found
 
 
-def align(example: Array, capture: Array, beta: float = 0.02) -> NDArray[np.intp]:
-    """(N,) frames of a capture window (M,) that an example's points (N,) belong to (Viterbi)."""
-    cost = hmm.emission(hmm.features(example), hmm.features(capture))
-    _, path = hmm.viterbi(cost[None], beta, free_end=False)
-    frames: NDArray[np.intp] = path[0]
-    return frames
+def _gradient(rows: Array32) -> Array32:
+    """np.gradient along the last axis, without its detours."""
+    steep = np.empty_like(rows)
+    np.subtract(rows[:, 2:], rows[:, :-2], out=steep[:, 1:-1])
+    steep[:, 1:-1] *= np.float32(0.5)
+    steep[:, 0] = rows[:, 1] - rows[:, 0]
+    steep[:, -1] = rows[:, -1] - rows[:, -2]
+    return steep

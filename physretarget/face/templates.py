@@ -98,6 +98,16 @@ class Bank:
         return self._known[asked]
 
 
+@dataclass(frozen=True, eq=False)
+class Offer:
+    """Templates that are tried on windows of one length: numbers (spans before phrases), prices."""
+
+    numbers: NDArray[np.intp]
+    shapes: NDArray[np.float32]
+    price: NDArray[np.float32]
+    amplitudes: tuple[NDArray[np.float32], NDArray[np.float32]] | None = None
+
+
 def middle_stretched(table: Array, ratio: float) -> Array:
     """Keys (K, 6) of unit width played ``ratio`` times as long with first and last quarter as fast.
 

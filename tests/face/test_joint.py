@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from physretarget.errors import UsageError
 from physretarget.face.curve import Curve
-from physretarget.face.cuts import prefer_cuts, rest_frames, turning_frames
+from physretarget.face.cuts import cut_discounts, rest_frames, turning_frames
 from physretarget.face.joint import joint_paths, lagging
 from physretarget.face.library import Library
 from physretarget.face.match import MatchSettings, match
@@ -81,7 +81,7 @@ def test_cuts_are_preferred_where_a_channel_turns_or_rests():
     rests = rest_frames(values, 30.0)
     assert np.abs(rests - [20, 40]).max() <= 1
     cost = np.zeros((1, 60, 2), dtype=np.float32)
-    prefer_cuts(cost, values[None], 30.0, 3.0, 0.0)
+    cost -= cut_discounts(values[None], 30.0, 3.0, 0.0)[:, :, None]
     assert np.flatnonzero(cost[0, :, 0]).tolist() == [10, 20]
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from physretarget.errors import InputError
 from physretarget.face.curve import Curve
 from physretarget.face.measure import extrema, extremum_timing, key_f1, style
-from physretarget.face.place import lengths, shortest_path, weighted_intervals
+from physretarget.face.place import cheapest_through, lengths, shortest_path
 from physretarget.face.reduce import decimate, reduce_curve, schneider
 from physretarget.face.rig import Rig, guess_group
 from physretarget.face.shot import Take
@@ -106,27 +106,22 @@ def test_shortest_path_equals_enumeration(seed, frames):
         assert path[-1][0] == frames - 1
 
 
-@settings(max_examples=60, deadline=None)
-@given(st.integers(0, 2**32 - 1), st.integers(0, 7))
-def test_weighted_intervals_equal_enumeration(seed, count):
-    rng = np.random.default_rng(seed)
-    first = rng.integers(0, 15, count)
-    last = first + rng.integers(1, 6, count)
-    price = rng.uniform(0, 4, count)
-    chosen = weighted_intervals(first, last, price, 20, 1.0)
-
-    def total(subset):
-        return sum(price[k] - (last[k] - first[k]) for k in subset)
-
-    def fits(subset):
-        pairs = itertools.combinations(subset, 2)
-        return all(last[a] <= first[b] or last[b] <= first[a] for a, b in pairs)
-
-    subsets = itertools.chain.from_iterable(
-        itertools.combinations(range(count), n) for n in range(count + 1)
-    )
-    assert fits(chosen)
-    assert total(chosen) == pytest.approx(min(total(s) for s in subsets if fits(s)))
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(3, 8))
+def test_the_cheapest_chain_through_every_edge(seed, frames):
+    spans = np.array(sorted({1, 2, frames - 1}))
+    cost = np.random.default_rng(seed).uniform(size=(1, frames, len(spans))).astype(np.float32)
+    for index, n in enumerate(spans):
+        cost[:, :n, index] = np.inf
+    best = np.full(cost.shape[1:], np.inf)
+    for count in range(1, frames):
+        for chain in itertools.product(range(len(spans)), repeat=count):
+            ends = np.cumsum(spans[list(chain)])
+            if ends[-1] == frames - 1:
+                total = sum(cost[0, e, x] for e, x in zip(ends, chain, strict=True))
+                for e, x in zip(ends, chain, strict=True):
+                    best[e, x] = min(best[e, x], total)
+    assert cheapest_through(cost, spans)[0] == pytest.approx(best, rel=1e-5)
 
 
 def test_lengths_reach_the_whole_take():
