@@ -47,6 +47,20 @@ def test_exit_codes(library: Library) -> None:
     assert result.exception.exit_code == 2
 
 
+def test_an_empty_chart_says_why(library: Library) -> None:
+    def index() -> str:
+        assert suite("run", str(library.file), "--workers", "1") == 0
+        return (library.folder / "night-report" / "index.html").read_text()
+
+    first = index()
+    assert "<svg" not in first
+    assert "No clip has an accepted baseline" in first
+    assert suite("accept", str(library.file), "--note", "start") == 0
+    second = index()
+    assert "<svg" not in second
+    assert "Nothing changed" in second
+
+
 def test_everything_that_pages_name_is_there(site: Path) -> None:
     class Links(HTMLParser):
         def __init__(self) -> None:

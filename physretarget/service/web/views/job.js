@@ -152,14 +152,16 @@ export function worstFirst(list) {
 function findings(list, seek) {
   const sorted = worstFirst(list), box = el("ol", { class: "findings", "aria-label": "Findings, the worst first" });
   const one = (f) => {
-    const [value, unit] = quantity(f.value, f.unit), limit = typeof f.limit === "number" ? quantity(f.limit, f.unit).join(" ") : null;
+    const [value, unit] = quantity(f.value, f.unit), limit = typeof f.limit === "number" ? quantity(f.limit, f.unit).join(" ").trim() : null;
+    const unsaid = (text, shown = text) => (text && !f.message.includes(text) ? [shown] : []); // no number twice
+    const rest = [...unsaid(f.body), ...unsaid(typeof f.value === "number" && value.replace(/^[-−]/, ""), `${value} ${unit}`.trim()),
+      ...(limit ? unsaid("limit", `limit ${limit}`) : [])];
     const when = typeof f.time_s === "number"
       ? el("button", { type: "button", class: "at", "aria-label": `Show ${f.code} in the replay at ${number(f.time_s)} s`, on: { click: () => seek(f.time_s) } }, icon("play"), `${number(f.time_s)} s`)
       : el("span", { class: "at whole" }, "whole clip");
     return el("li", { class: f.severity },
       el("p", {}, el("span", { class: `dot ${f.severity}` }), el("b", { class: "code" }, f.code), el("span", { class: "soft" }, ` ${f.severity} · ${f.rule}`), when),
-      el("p", {}, f.message),
-      el("p", { class: "soft small" }, [f.body, typeof f.value === "number" ? `${value} ${unit}`.trim() : null, limit && `limit ${limit}`].filter(Boolean).join(" · ")));
+      el("p", {}, f.message), rest.length ? el("p", { class: "soft small" }, rest.join(" · ")) : null);
   };
   const shown = sorted.slice(0, FEW).map(one);
   box.append(...shown);
