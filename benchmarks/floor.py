@@ -118,8 +118,8 @@ def judged(name: str, result: Retargeted, report: Report) -> Floor:
     contacted, physical = result.contacted, result.physical
     assert contacted is not None
     assert physical is not None
-    depth, where, frame = deepest(character, physical.qpos)
-    _, skate = planted(character, physical.qpos, contacted.active, result.motion.time)
+    depth, where, frame = deepest(character, result.clip.qpos)
+    _, skate = planted(character, result.clip.qpos, contacted.active, result.motion.time)
     errors = [f for f in report.findings if f.severity == "error"]
     return Floor(
         name=name,
@@ -134,7 +134,7 @@ def judged(name: str, result: Retargeted, report: Report) -> Floor:
         mismatch=physical.improvement,
         displacement=float(np.abs(physical.displacement).max()) / character.height,
         ballistic=physical.ballistic_vertical_after,
-        shake=shaking(character, physical.qpos, result.motion.time),
+        shake=shaking(character, result.clip.qpos, result.motion.time),
         codes=Counter(f.code for f in errors),
         errors=report.errors,
         computed=sum(result.seconds.values()),

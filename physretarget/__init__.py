@@ -6,14 +6,14 @@
     key poses ──── load_keyposes ── learn ──▶ TrainedMapper
                                                   │ retarget
                                                   ▼
-                 mapped → placed → contacted → physical ──▶ Clip
+      mapped → placed → contacted → physical → balanced ──▶ Clip
                                                              │
     MJCF ── Character.load ──▶ Character ── validate(clip, character) ──▶ Report
 
 The rooms, from the top down: ``cli``, ``demo``, ``report``, ``replay``, ``validation``,
-``pipeline``, the stages (``momentum``, ``contact``, ``ocp``, ``ik``), ``keyposes``, ``features``,
-``mapping``, ``mjcf``, ``capture`` and ``clip``, ``kinematics``; ``face`` stands beside them. Each
-imports only from below.
+``pipeline``, the stages (``balance`` over ``momentum``, ``contact``, ``ocp``, ``ik``),
+``keyposes``, ``features``, ``mapping``, ``mjcf``, ``capture`` and ``clip``, ``kinematics``;
+``face`` stands beside them. Each imports only from below.
 """
 
 from __future__ import annotations

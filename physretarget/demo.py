@@ -24,7 +24,7 @@ MOTIONS = {
     "jump": "humanoid3d_jump.txt",
     "dance": "humanoid3d_dance_a.txt",
 }
-STEPS = 1 + 7 * len(MOTIONS)
+STEPS = 1 + 8 * len(MOTIONS)
 """How often :func:`run` tells its progress."""
 
 SENTENCES = {

@@ -1,7 +1,8 @@
 """The whole way from a capture to a clip: one line per stage of the paper.
 
     capture ─ load ─▶ ActorMotion ─ features ─▶ Mapper ─ ik ─▶ mapped
-        ─ momentum ─▶ placed ─ contact ─▶ contacted ─ ocp ─▶ physical ─▶ Clip
+        ─ momentum ─▶ placed ─ contact ─▶ contacted ─ ocp ─▶ physical
+        ─ balance ─▶ balanced ─▶ Clip
 
 Every stage's output is kept in :class:`Retargeted`, so that it can be looked at and
 compared (Yamane 2010, Figure 7).
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 
 from physretarget import contact, ik, momentum, ocp, passive
 from physretarget._version import __version__
+from physretarget.balance import Balanced, balance
 from physretarget.capture.actor import ActorMotion, ActorShape
 from physretarget.clip import Clip
 from physretarget.errors import InputError, UsageError
@@ -30,7 +32,7 @@ from physretarget.novelty import Novelty, novelty
 from physretarget.trained import TrainedMapper
 
 Array = NDArray[np.float64]
-Stage = Literal["mapped", "placed", "contacted", "physical"]
+Stage = Literal["mapped", "placed", "contacted", "physical", "balanced"]
 Tail = Literal["mapped", "passive"]
 TAILS: tuple[Tail, ...] = get_args(Tail)
 SWINGS = 2
@@ -54,7 +56,7 @@ class RetargetSettings:
     from passive dynamics on the moving body, see :mod:`physretarget.passive`.
     """
 
-    until: Stage = "physical"
+    until: Stage = "balanced"
     physics: ocp.Preset = "default"
     heading: momentum.Heading = "actor"
     tail: Tail = "mapped"
@@ -98,6 +100,7 @@ class Retargeted:
     phases: contact.Phases | None
     contacted: contact.Contacted | None
     physical: ocp.RootHeight | None
+    balanced: Balanced | None
     clip: Clip
     seconds: dict[str, float]
     notes: tuple[str, ...]
@@ -117,6 +120,8 @@ class Retargeted:
             found["contacted"] = self.contacted.qpos
         if self.physical is not None:
             found["physical"] = self.physical.qpos
+        if self.balanced is not None:
+            found["balanced"] = self.balanced.qpos
         return found
 
 
@@ -183,7 +188,7 @@ def retarget(
     watch.start("pose")
     pose = ik.solve(character, mapped.mean, start=mapper.nearest_pose(y))
 
-    placed = contacted = physical = None
+    placed = contacted = physical = balanced = None
     time = motion.time
     swinging = settings.tail == "passive"
     pose_error = np.zeros_like(mapped.mean)
@@ -211,7 +216,7 @@ def retarget(
         pose_error = features(character, contacted.qpos) - mapped.mean
         if swinging:  # nobody has posed it, so there is no pose to keep to
             pose_error[:, passive.passive_features(character)] = 0.0
-    if contacted is not None and settings.until == "physical":
+    if contacted is not None and STAGES.index(settings.until) >= STAGES.index("physical"):
         for again in range(2 if swinging else 1):
             if again and physical is not None:  # the limb has felt the root's new height
                 watch.start("swing")
@@ -229,9 +234,13 @@ def retarget(
                 settings=ocp.RootHeightSettings.preset(settings.physics),
             )
         notes += physical.notes if physical is not None else ()
+    if contacted is not None and physical is not None and settings.until == "balanced":
+        watch.start("balance")
+        balanced = balance(character, physical.qpos, time, contacted.active)
+        notes += balanced.notes
     watch.stop()
 
-    final = physical or contacted or placed or pose
+    final = balanced or physical or contacted or placed or pose
     return Retargeted(
         character=character,
         actor=actor,
@@ -245,6 +254,7 @@ def retarget(
         phases=phases,
         contacted=contacted,
         physical=physical,
+        balanced=balanced,
         clip=Clip(
             qpos=final.qpos,
             time=time,

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from physretarget import capture
+from physretarget import capture, kinematics
 from physretarget.capture.actor import ActorMotion
 from physretarget.contact import detect_phases
 from physretarget.demo import models_folder, motions_folder
@@ -49,7 +49,7 @@ def test_every_stage_can_be_the_last(jump, mapper, until) -> None:
     assert np.array_equal(result.clip.qpos, stages[until])
     assert np.isfinite(result.clip.qpos).all()
     assert seen == list(result.seconds)
-    assert (result.clip.contact_active is not None) == (until in ("contacted", "physical"))
+    assert (result.clip.contact_active is not None) == (until in STAGES[2:])
 
 
 def test_stages_do_what_they_promise(jump, mapper, lamp) -> None:
@@ -66,6 +66,23 @@ def test_physics_moves_nothing_but_the_root_height(jump, mapper) -> None:
     result = retarget(jump, mapper, settings=RetargetSettings(fps=30))
     others = [i for i in range(result.clip.qpos.shape[1]) if i != 2]
     assert np.array_equal(result.physical.qpos[:, others], result.contacted.qpos[:, others])
+
+
+def test_balance_explains_more_and_keeps_what_stands(jump, mapper, lamp) -> None:
+    result = retarget(jump, mapper)
+    balanced = result.balanced
+    assert balanced.unexplained_after.mean() < 0.1 * balanced.unexplained_before.mean()
+    assert balanced.moved.max() <= 0.09 * lamp.height
+    stands = result.contacted.active
+    before, after = (
+        kinematics.points(
+            kinematics.forward(lamp.tree, stage.qpos), lamp.contacts.body, lamp.contacts.local
+        )
+        for stage in (result.physical, balanced)
+    )
+    assert np.abs(after - before)[stands].max() < 5e-4
+    unbalanced = replace(result.clip, qpos=result.physical.qpos)
+    assert validate(result.clip, lamp).errors < validate(unbalanced, lamp).errors
 
 
 def test_same_motion_same_bytes(jump, mapper) -> None:

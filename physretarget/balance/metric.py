@@ -95,7 +95,7 @@ def _chunk(
     yielding = np.linalg.solve(stiffness, np.swapaxes(matrix, 1, 2))  # K⁻¹ Aᵀ
     free = matrix @ yielding
     # A direction in which nothing can move (planted and stiff) is dear, not impossible.
-    free += 1e-9 * np.einsum("tii->t", free)[:, None, None] * np.eye(6)
+    free += 1e-5 * np.einsum("tii->t", free)[:, None, None] * np.eye(6)
     cost = np.linalg.inv(free)
     cost = 0.5 * (cost + np.swapaxes(cost, 1, 2))
     return Metric(matrix, cost, yielding @ cost, com)

@@ -12,11 +12,12 @@ class BalanceSettings:
     """What balance may cost. Displacements are in heights of the character, forces in body
     weights, moments in body weights times the height of the centre of mass.
 
-    residual, knee: half the square of what the floor cannot explain counts ``residual``
-        against half the mean square displacement of the markers; linearly beyond ``knee``.
+    residual: price of what the floor cannot explain, against half the mean square displacement
+        of the markers.
     hopeless: frames that leave this much unexplained all the same count half, and less the
         more they leave: nobody is to lean for what no leaning mends.
-    roughness: of the change in required wrench.
+    roughness: of half the mean square of the acceleration that the markers are given, in heights
+        per τ² (τ² = h / g: the lower the centre of mass, the quicker the balance is lost).
     limit: the most that the markers of a frame move (RMS).
     inset, friction: the floor pushes only in the inner share of the support and with this
         share of the friction, so that some is left.
@@ -30,13 +31,12 @@ class BalanceSettings:
     stop: weight added where a joint would have to leave its range.
     rounds: of programme and kinematics.
     window, overlap: seconds solved at once, and those before and after that are solved again
-        with the next.
+        with the next. Farther than ``overlap`` from all that is unexplained nothing moves.
     """
 
-    residual: float = 5.0
-    knee: float = 0.02
+    residual: float = 0.1
     hopeless: float = 0.5
-    roughness: float = 0.002
+    roughness: float = 0.01
     limit: float = 0.08
     inset: float = 0.1
     friction: float = 0.9
@@ -47,15 +47,13 @@ class BalanceSettings:
     fade: float = 0.04
     low: float = 0.03
     flank: float = 0.1
-    joint: float = 0.05
+    joint: float = 0.1
     stop: float = 100.0
     rounds: int = 3
     window: float = 10.0
-    overlap: float = 2.0
+    overlap: float = 1.5
 
     @property
     def weights(self) -> Weights:
         """Those of the programme."""
-        return Weights(
-            residual=self.residual, knee=self.knee, roughness=self.roughness, limit=self.limit
-        )
+        return Weights(residual=self.residual, roughness=self.roughness, limit=self.limit)

@@ -24,11 +24,18 @@ from physretarget.ocp.basis import differences
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Ints = NDArray[np.int64]
 
 FEWEST = 5
 """Frames below which there is nothing to balance."""
 TOUCHED = 1e-6
 """Changes below this (rad or m) in all joints of a frame are none."""
+CHUNK = 1024
+"""Frames judged at once."""
+EDGE, PINNED = 2, 1e2
+"""Where the clip goes on as it was, so many frames are so much dearer to move."""
+BETTER = 0.99
+"""A round is taken if it leaves less than this share of what the best before it left."""
 SPREAD = 3.0
 """Frames over which a joint's stop fades in and out."""
 
@@ -68,6 +75,18 @@ class _Task:
     settings: BalanceSettings
 
 
+@dataclass(frozen=True)
+class _Window:
+    """Frames ``core`` that are taken from what is solved over ``part``.
+
+    ``joined``: whether the clip goes on, as it was, before the part and after it.
+    """
+
+    core: slice
+    part: slice
+    joined: tuple[bool, bool]
+
+
 def balance(
     character: Character,
     qpos: Array,
@@ -97,23 +116,28 @@ def balance(
     if before.max() <= settings.quiet:
         spent = clock.perf_counter() - began
         return Balanced(qpos, still, np.zeros((len(qpos), 3)), before, before, 0, spent)
+    windows = _windows(task, before)
     best, found = qpos, _worth(before, settings)
     after, centre, start = before, com, com
     moved, patience = qpos, np.ones(len(qpos))
     stops = np.zeros((len(qpos), character.tree.nv))
     for turn in range(settings.rounds):
-        moved, patience, stops = _round(task, moved, wrench, patience, stops, first=turn == 0)
+        moved, patience, stops = _round(
+            task, windows, moved, wrench, patience, stops, first=turn == 0
+        )
         wrench, com = _required(task, moved)
         left = _unexplained(task, wrench, com)
-        if (worth := _worth(left, settings)) < found:
+        if (worth := _worth(left, settings)) < BETTER * found:
             best, found, after, centre = moved, worth, left, com
+        if left.max() <= settings.quiet:
+            break
     return Balanced(
         qpos=best,
         moved=_displaced(character, qpos, best),
         shift=centre - start,
         unexplained_before=before,
         unexplained_after=after,
-        rounds=settings.rounds,
+        rounds=turn + 1,
         seconds=clock.perf_counter() - began,
         notes=() if best is not qpos else ("Balance: no lean makes the clip more feasible.",),
     )
@@ -178,10 +202,13 @@ def _support(task: _Task, com: Array, frames: slice, inset: float, friction: flo
 
 def _unexplained(task: _Task, wrench: Array, com: Array) -> Array:
     """(T,) what no force at the contact points explains, with all friction there is."""
-    rest = np.empty(len(wrench))
-    for part, _ in _windows(task):
-        support = _support(task, com[part], part, 0.0, 1.0)
-        rest[part] = unexplained(wrench[part], support)
+    rest: Array = np.linalg.norm(wrench, axis=1)
+    for at in range(0, len(wrench), CHUNK):
+        part = slice(at, at + CHUNK)
+        borne = np.flatnonzero(task.on[part].any(axis=1))
+        if len(borne):
+            support = _support(task, com[part], part, 0.0, 1.0).of(borne)
+            rest[at + borne] = unexplained(wrench[at + borne], support)
     return rest
 
 
@@ -190,33 +217,50 @@ def _worth(left: Array, settings: BalanceSettings) -> float:
     return float(np.minimum(left, settings.hopeless).sum())
 
 
-def _windows(task: _Task) -> list[tuple[slice, slice]]:
-    """Parts of the clip, and what is solved with each so that they fit together."""
+def _windows(task: _Task, left: Array) -> list[_Window]:
+    """Parts of the clip near something unexplained, ``left`` (T,), and what is solved with each.
+
+    Neighbours overlap so far that they agree where they meet.
+    """
     frames, settings = len(task.time), task.settings
     size = max(round(settings.window / task.step), 2 * FEWEST)
     more = max(round(settings.overlap / task.step), FEWEST)
-    count = max(1, round(frames / size))
-    edges = np.linspace(0, frames, count + 1).round().astype(int)
-    return [
-        (slice(int(a), int(b)), slice(max(int(a) - more, 0), min(int(b) + more, frames)))
-        for a, b in pairwise(edges)
-    ]
+    near = distance_transform_edt(left <= settings.quiet) <= more
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], near.astype(np.int8), [0]))))
+    found = []
+    for first, after in zip(edges[::2], edges[1::2], strict=True):
+        count = max(1, round((after - first) / size))
+        cuts = np.linspace(first, after, count + 1).round().astype(int)
+        for a, b in pairwise(cuts):
+            wide = slice(max(int(a) - more, int(first)), min(int(b) + more, int(after)))
+            joined = (0 < wide.start == first, frames > wide.stop == after)
+            found.append(_Window(slice(int(a), int(b)), wide, joined))
+    return found
 
 
 def _round(
-    task: _Task, qpos: Array, wrench: Array, patience: Array, stops: Array, *, first: bool
+    task: _Task,
+    windows: list[_Window],
+    qpos: Array,
+    wrench: Array,
+    patience: Array,
+    stops: Array,
+    *,
+    first: bool,
 ) -> tuple[Array, Array, Array]:
     """One programme and one inverse kinematics: poses, patience and stops of the next round."""
     tree = task.character.tree
     since = kinematics.difference(tree, task.original, qpos)
-    change = np.empty_like(since)
-    patient = np.empty_like(patience)
-    for core, part in _windows(task):
-        step, left = _window(task, qpos, wrench, patience, stops, since, part, first=first)
+    change, patient = -since, patience.copy()
+    for window in windows:
+        core, part = window.core, window.part
+        step, left = _window(task, qpos, wrench, patience, stops, since, window, first=first)
         inside = slice(core.start - part.start, core.stop - part.start)
         change[core], patient[core] = step[inside], left[inside]
     wanted = kinematics.integrate(tree, qpos, change)
-    moved = _followed(task, wanted)
+    some = np.concatenate([np.arange(w.core.start, w.core.stop) for w in windows])
+    moved = task.original.copy()
+    moved[some] = _followed(task, wanted[some], some)
     at, dof = tree.scalars
     stopped = np.zeros_like(stops)
     lower, upper = task.character.lower[at], task.character.upper[at]
@@ -235,13 +279,17 @@ def _window(
     patience: Array,
     stops: Array,
     since: Array,
-    part: slice,
+    window: _Window,
     *,
     first: bool,
 ) -> tuple[Array, Array]:
-    """Change of joints (t, nv) from ``qpos`` in the frames of ``part``, and their patience."""
-    settings = task.settings
-    known = metric(task.character, qpos, task.hold, stops, part, settings)
+    """Change of joints (t, nv) from ``qpos`` in the frames of a window, and their patience."""
+    character, settings, part = task.character, task.settings, window.part
+    known = metric(character, qpos, task.hold, stops, part, settings)
+    cost = known.cost.copy()
+    for edge, joined in zip((slice(0, EDGE), slice(-EDGE, None)), window.joined, strict=True):
+        if joined:
+            cost[edge] *= PINNED
     now = np.einsum("tij,tj->ti", known.matrix, since[part])
     rows, second = _inner(task.second, part)
     support = _support(task, known.com, part, settings.inset, settings.friction).of(rows)
@@ -254,11 +302,13 @@ def _window(
             second=second,
             columns=rows,
             excursion=now,
-            cost=known.cost,
+            cost=cost,
         )
         found = minimise(programme, settings.weights)
         left = np.linalg.norm(found.residual, axis=1)
         patient[rows] = 1.0 / (1.0 + (left / settings.hopeless) ** 2)
+        if left.max(initial=0.0) < settings.hopeless / 5.0:
+            break
     change = np.einsum("tij,tj->ti", known.change, found.excursion) - since[part]
     return change, patient
 
@@ -273,13 +323,13 @@ def _inner(second: sparse.csr_array, part: slice) -> tuple[NDArray[np.int64], sp
     return inner, sparse.csr_array(some[inner][:, part])
 
 
-def _followed(task: _Task, wanted: Array) -> Array:
-    """Poses near ``wanted`` (T, nq), within limits, that stand where the clip stands."""
+def _followed(task: _Task, wanted: Array, frames: Ints) -> Array:
+    """Poses near ``wanted`` (t, nq), of ``frames``, that stand where the clip stands."""
     character, hold, settings = task.character, task.hold, task.settings
     markers = character.markers
     pose = kinematics.forward(character.tree, wanted)
     there = kinematics.points(pose, hold.body, hold.local)
-    place = np.where(hold.firm[..., None], hold.place, there)
+    place = np.where(hold.firm[frames, :, None], hold.place[frames], there)
     return kinematics.solve(
         character.tree,
         wanted,
@@ -289,12 +339,12 @@ def _followed(task: _Task, wanted: Array) -> Array:
                 markers.local,
                 kinematics.points(pose, markers.body, markers.local),
             ),
-            PointTargets(hold.body, hold.local, place, hold.weight),
+            PointTargets(hold.body, hold.local, place, hold.weight[frames]),
         ],
         lower=character.lower,
         upper=character.upper,
         prior_weight=joint_weights(character, settings),
-        iterations=8,
+        iterations=6,
         damping=1e-4,
         tolerance=1e-5,
     ).qpos

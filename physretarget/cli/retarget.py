@@ -84,7 +84,7 @@ def retarget_command(
     ] = "sgplvm",
     dims: DimsOption = 30,
     until: Annotated[str, typer.Option("--until", help="Last stage.", **complete(STAGES))] = (
-        "physical"
+        "balanced"
     ),
     physics: Annotated[
         str, typer.Option("--physics", help="Root-height preset.", **complete(ocp.PRESETS))

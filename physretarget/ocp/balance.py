@@ -8,8 +8,8 @@ in body weights, changes by
     Δw = τ² ü + (0, u_lin × f)            (the centre of mass moves away from where f acts)
 
 The floor answers with a force in the friction cone of every point in contact. What no floor
-can explain, r, costs quadratically at first and linearly from ``knee`` on (Huber), so that few
-frames are left unexplained, not all of them a little; ``patience`` says in which it is worth it.
+can explain, r, costs its length, not its square, so that few frames are left unexplained, not all
+of them a little; ``patience`` says in which it is worth it.
 """
 
 from __future__ import annotations
@@ -29,7 +29,10 @@ Flags = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 
 _PRICE_OF_FORCE = 1e-6
-_ACCURATE = 1e-9
+_UNIT = 1e4
+"""The programme's cost is multiplied by this: a hundredth of the height squared is 1, so that the
+solver's tolerances, absolute below 1, are small against what can be seen."""
+_ACCURATE = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,13 +40,13 @@ class Weights:
     """What counts how much, against half the mean square displacement of the markers.
 
     Displacements are in heights of the character, forces in body weights, moments in body
-    weights times the height of the centre of mass. ``residual`` is the weight of half the
-    square of what is unexplained, up to ``knee``; ``roughness`` that of half the square of the
-    change in wrench; ``limit`` the most that the markers may move (RMS of a frame).
+    weights times the height of the centre of mass. ``residual`` is the price of what is
+    unexplained; ``roughness`` that of half the mean square of the
+    markers' added acceleration, times τ² and in heights; ``limit`` the most that they may move
+    (RMS of a frame).
     """
 
     residual: float
-    knee: float
     roughness: float
     limit: float
 
@@ -96,14 +99,14 @@ def minimise(programme: Programme, weights: Weights) -> Excursion:
     change = _change_of_wrench(programme)
     push = _push(programme.support)
     forces = push.shape[1]
-    # unknowns: u, forces, quadratic part of r, (length of linear part, linear part) per frame
-    blocks = [6 * frames, forces, 6 * judged, 7 * judged]
+    # unknowns: u, forces, (length of r, r) per frame
+    blocks = [6 * frames, forces, 7 * judged]
     start = np.concatenate([[0], np.cumsum(blocks)])
-    linear_part = _inside_cones(judged)
-    balance = sparse.hstack([-change, push, sparse.eye_array(6 * judged), linear_part])
+    rest = _inside_cones(judged)
+    balance = sparse.hstack([-change, push, rest])
     right = programme.wrench.ravel() - change @ programme.excursion.ravel()
     friction = _padded(_friction_cones(programme.support.friction, forces), start[1], start[-1])
-    bend = _padded(-sparse.eye_array(7 * judged, format="csr"), start[3], start[-1])
+    bend = _padded(-sparse.eye_array(7 * judged, format="csr"), start[2], start[-1])
     reach, most = _reach(programme.cost, weights.limit)
     matrix = sparse.vstack([balance, friction, bend, _padded(reach, 0, start[-1])], format="csc")
     bound = np.concatenate([right, np.zeros(forces + 7 * judged), most])
@@ -111,19 +114,19 @@ def minimise(programme: Programme, weights: Weights) -> Excursion:
     cones += [clarabel.SecondOrderConeT(3)] * (forces // 3)
     cones += [clarabel.SecondOrderConeT(7)] * (judged + frames)
     rough = sparse.kron(programme.second, sparse.eye_array(6), format="csr")
+    seen = sparse.block_diag(list(programme.cost[programme.columns]))
     quadratic = sparse.block_diag(
         [
-            sparse.block_diag(list(programme.cost)) + weights.roughness * (rough.T @ rough),
+            sparse.block_diag(list(programme.cost)) + weights.roughness * (rough.T @ seen @ rough),
             _PRICE_OF_FORCE * sparse.eye_array(forces),
-            sparse.diags_array(weights.residual * np.repeat(programme.patience, 6)),
             sparse.csr_array((7 * judged, 7 * judged)),
         ],
         format="csc",
     )
     slope = np.zeros(start[-1])
-    slope[start[3] :: 7] = weights.residual * weights.knee * programme.patience
-    x = _solved(quadratic, slope, matrix, bound, cones)
-    residual = x[start[2] : start[3]] + linear_part @ x[start[3] :]
+    slope[start[2] :: 7] = weights.residual * programme.patience
+    x = _solved(_UNIT * quadratic, _UNIT * slope, matrix, bound, cones)
+    residual = rest @ x[start[2] :]
     return Excursion(x[: start[1]].reshape(frames, 6), residual.reshape(judged, 6))
 
 

@@ -32,6 +32,7 @@ _STAGE_NOTES = {
     "placed": "travel and turn from the actor's momentum",
     "contacted": "feet planted where the actor's are",
     "physical": "height of the root made to obey gravity and contact",
+    "balanced": "led to where the points in contact can bear it",
 }
 
 
@@ -214,6 +215,18 @@ def _numbers(result: Retargeted) -> tuple[KeyNumber, ...]:
                     good=physical.ballistic_after <= 1.0,
                 )
             )
+    if (balanced := result.balanced) is not None:
+        before, after = balanced.unexplained_before.mean(), balanced.unexplained_after.mean()
+        numbers.append(
+            KeyNumber(
+                label="Out of balance",
+                value=_at_least(float(after)),
+                unit="BW",
+                note=f"{before:.2f} BW before; pose moved by "
+                f"{100 * np.sqrt(np.mean(balanced.moved**2)) / height:.1f} % of height",
+                good=bool(after <= before),
+            )
+        )
     return tuple(numbers)
 
 

@@ -81,7 +81,7 @@ def _figures_of(result: Retargeted, report: Report) -> dict[str, Any]:
     assert contacted is not None
     assert physical is not None
     weight = result.character.weight
-    sink, skate = planted(result.character, physical.qpos, contacted.active, result.motion.time)
+    sink, skate = planted(result.character, result.clip.qpos, contacted.active, result.motion.time)
     codes: dict[str, dict[str, Any]] = {}
     for finding in report.findings:
         at = codes.setdefault(
@@ -162,9 +162,9 @@ def _arrays_of(result: Retargeted) -> dict[str, Array]:
         "required_after": physical.required_after[:, 2] / weight,
         "contact_after": physical.contact_after[:, 2] / weight,
         "displacement": physical.displacement,
-        "qpos": physical.qpos,
+        "qpos": result.clip.qpos,
         "actor": result.reference.qpos,
         "strip_time": time[picked],
-        "strip_qpos": physical.qpos[picked],
+        "strip_qpos": result.clip.qpos[picked],
         "strip_actor": result.reference.qpos[picked],
     }
