@@ -20,6 +20,7 @@ say where):
 * ``cop_outside`` m, NaN where nothing is supported
 * ``arrow_origin``, ``arrow_force`` (T, 4, 3) m and BW: the largest contact forces, to be drawn
 * ``skate`` m/s, ``skate_free`` the part of it that friction does not brake
+* ``elsewhere`` the geom, of nothing that is the floor's or its own, that the character touches; -1
 * ``torque_ratio`` 1, share of a joint's limit; ``self_penetration`` m
 
 Of the whole clip (see :mod:`physretarget.validation.smear`): ``straight_force`` (T, 3) BW,
@@ -40,6 +41,7 @@ from physretarget.mjcf import Character, derivatives, required_wrench
 from physretarget.validation.cones import fit_forces
 from physretarget.validation.contacts import Touch, cop_outside, find_touch, lowest
 from physretarget.validation.declared import compare, standing
+from physretarget.validation.elsewhere import Elsewhere
 from physretarget.validation.geometry import Candidates, candidates, collision_geoms, of_geoms
 from physretarget.validation.selfcollision import SelfCollision
 from physretarget.validation.smoothness import windowed_jerk
@@ -101,6 +103,7 @@ class Workspace:
     solid: Candidates
     torque: TorqueLimits
     collision: SelfCollision
+    elsewhere: Elsewhere
     scalars: NDArray[np.int64]
     tolerance: float
     friction: float
@@ -122,6 +125,7 @@ class Workspace:
             solid=of_geoms(character, geoms) if declared else points,
             torque=TorqueLimits.build(character),
             collision=SelfCollision.build(character),
+            elsewhere=Elsewhere.build(character, tolerance),
             scalars=np.array(
                 [j.dof for j in character.tree.joints if j.kind in ("hinge", "slide")], dtype=int
             ),
@@ -150,6 +154,7 @@ def analyse_chunk(work: Workspace, chunk: Chunk) -> Series:
     _joints(series, work, chunk, qvel)
     series |= windowed_jerk(pose.position[:, character.bodies], chunk.time, keep, character)
     series |= work.collision.judge(chunk.qpos[keep])
+    series |= work.elsewhere.judge(chunk.qpos[keep])
     touch = None
     if len(work.points):
         declared = None if chunk.declared is None else chunk.declared[chunk.wide]

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from physretarget.validation.analysis import Analysis
 from physretarget.validation.rule import runs
-from physretarget.validation.smear import reach_frames
+from physretarget.validation.smear import dilated, reach_frames
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
@@ -18,6 +18,33 @@ FLOAT_BW = 0.3
 _FLOATS_S = 0.05
 # A tenth of a second is three frames at 30 frames/s, however the rate was rounded.
 _ROUNDING = 1e-3
+
+
+def known(analysis: Analysis) -> Bools:
+    """(T,) nothing but the floor can bear the character, in this frame or within reach of it."""
+    if "elsewhere" not in analysis.has:
+        return np.ones(analysis.frames, dtype=bool)
+    reach = reach_frames(analysis.fps, analysis.settings.lowpass_hz)
+    free: Bools = ~dilated(analysis.ints("elsewhere") >= 0, reach)
+    return free
+
+
+def held_elsewhere(analysis: Analysis) -> str | None:
+    """Why contact forces cannot be judged in any frame, or None."""
+    if known(analysis).any():
+        return None
+    return f"the character touches {foreign_names(analysis)} all the time, whose force is not known"
+
+
+def foreign_names(analysis: Analysis) -> str:
+    """What the character touches besides the floor."""
+    model = analysis.character.model
+    geoms = np.unique(analysis.ints("elsewhere"))
+    names = [
+        model.geom(int(g)).name or model.body(int(model.geom_bodyid[g])).name or f"geom{int(g)}"
+        for g in geoms[geoms >= 0]
+    ]
+    return ", ".join(f"'{name}'" for name in dict.fromkeys(names))
 
 
 def airborne(analysis: Analysis) -> Bools:
@@ -35,7 +62,7 @@ def floating(analysis: Analysis) -> Bools:
     """(T,) nothing touches, yet more support is required than contacts nearby can have left."""
     missing = analysis["straight_force"][:, 2] - analysis["pushed"]
     needs: Bools = missing > FLOAT_BW
-    return airborne(analysis) & needs
+    return airborne(analysis) & needs & known(analysis)
 
 
 def floating_margin(analysis: Analysis) -> Floats:
@@ -48,7 +75,7 @@ def floating_margin(analysis: Analysis) -> Floats:
 
 def free_flight(analysis: Analysis) -> Bools:
     """(T,) flight, without the stretches in the air of which a part floats."""
-    judged, floats = flight(analysis), floating(analysis)
+    judged, floats = flight(analysis) & known(analysis), floating(analysis)
     for first, last in runs(airborne(analysis)):
         if floats[first : last + 1].sum() > _FLOATS_S * analysis.fps:
             judged[first : last + 1] = False

@@ -14,6 +14,7 @@ from physretarget._version import __version__
 from physretarget.clip import Motion
 from physretarget.errors import InputError
 from physretarget.mjcf import Character
+from physretarget.validation import states
 from physretarget.validation.analysis import Analysis, Progress, analyse
 from physretarget.validation.codes import RULES
 from physretarget.validation.config import Settings
@@ -124,9 +125,19 @@ def _clip_facts(analysis: Analysis) -> ClipFacts:
     line = clip.meta.get("first_line")
     return ClipFacts(
         path=clip.path or clip.name, sha256=clip.sha256 or "", frames=clip.frames,
-        duration_s=clip.duration, fps=clip.fps, notes=clip.notes,
+        duration_s=clip.duration, fps=clip.fps, notes=(*clip.notes, *_elsewhere(analysis)),
         first_line=line if isinstance(line, int) else None,
     )  # fmt: skip
+
+
+def _elsewhere(analysis: Analysis) -> tuple[str, ...]:
+    unknown = int((~states.known(analysis)).sum())
+    if unknown == 0:
+        return ()
+    return (
+        f"Frames in or near which the character touches {states.foreign_names(analysis)} are not "
+        f"judged by its forces: {unknown} of {analysis.frames}.",
+    )
 
 
 def _model_facts(character: Character) -> ModelFacts:

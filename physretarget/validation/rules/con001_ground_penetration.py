@@ -25,12 +25,15 @@ A foot that dips 3 cm below the floor at heel strike.
 from __future__ import annotations
 
 from physretarget.validation.analysis import Analysis
+from physretarget.validation.elsewhere import on_slope
 from physretarget.validation.rule import Limit, Limits, Rule, Verdict, exceeding
 from physretarget.validation.yielding import landing_depth
 
 
 def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     """A body sinks into the floor."""
+    if slope := on_slope(analysis.character):
+        return Verdict(not_covered=slope)
     if "deepest" not in analysis.has:
         return Verdict(not_covered="the model has no contact geometry")
     body = analysis.ints("deepest_body")

@@ -26,11 +26,14 @@ A walk whose stance foot drifts forward at 0.2 m/s.
 from __future__ import annotations
 
 from physretarget.validation.analysis import Analysis
+from physretarget.validation.elsewhere import on_slope
 from physretarget.validation.rule import Limit, Limits, Rule, Verdict, most_severe, runs
 
 
 def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     """A loaded foot slides over the floor."""
+    if slope := on_slope(analysis.character):
+        return Verdict(not_covered=slope)
     if "skate" not in analysis.has:
         return Verdict(not_covered=analysis.no_forces_because)
     body, speed = analysis.ints("skate_body"), analysis["skate_free"]

@@ -30,6 +30,8 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     """The body hangs in the air without support."""
     if not analysis.judges_forces:
         return Verdict(not_covered=analysis.no_forces_because)
+    if held := states.held_elsewhere(analysis):
+        return Verdict(not_covered=held)
     body = analysis.ints("lowest_body")
     found = []
     for first, last in runs(states.floating(analysis)):

@@ -24,11 +24,14 @@ import numpy as np
 
 from physretarget.validation import states
 from physretarget.validation.analysis import Analysis
+from physretarget.validation.elsewhere import on_slope
 from physretarget.validation.rule import Limit, Limits, Rule, Verdict, exceeding
 
 
 def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     """A contact switches on and off."""
+    if slope := on_slope(analysis.character):
+        return Verdict(not_covered=slope)
     if "touch" not in analysis.has or analysis.frames < 3:
         return Verdict(not_covered="the model has no contact geometry or the clip no motion")
     flips = states.chatter(analysis, limits["shortest"])

@@ -36,9 +36,11 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     """No contact force explains the motion."""
     if not analysis.judges_forces:
         return Verdict(not_covered=analysis.no_forces_because)
+    if held := states.held_elsewhere(analysis):
+        return Verdict(not_covered=held)
     made = np.linalg.norm(analysis["required_force"] - analysis["straight_force"], axis=1)
     rest = analysis["unexplained_force"] - made + analysis["ringing"]
-    series = np.where(states.flight(analysis), np.nan, rest)
+    series = np.where(states.flight(analysis) | ~states.known(analysis), np.nan, rest)
     return exceeding(
         analysis, rule, series, warning=limits["warning"], error=limits["error"], unit="BW",
         message="{value} {unit} of force are explained by no contact (limit {limit})",

@@ -33,7 +33,10 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     """No contact force explains the turning of the body."""
     if not analysis.judges_forces:
         return Verdict(not_covered=analysis.no_forces_because)
-    series = np.where(states.flight(analysis), np.nan, analysis["unexplained_moment"])
+    if held := states.held_elsewhere(analysis):
+        return Verdict(not_covered=held)
+    unjudged = states.flight(analysis) | ~states.known(analysis)
+    series = np.where(unjudged, np.nan, analysis["unexplained_moment"])
     return exceeding(
         analysis, rule, series, warning=limits["warning"], error=limits["error"], unit="BW h",
         message="{value} {unit} of moment are explained by no contact (limit {limit})",

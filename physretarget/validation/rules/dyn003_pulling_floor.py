@@ -21,6 +21,9 @@ A jump played at 1.5 times its speed.
 
 from __future__ import annotations
 
+import numpy as np
+
+from physretarget.validation import states
 from physretarget.validation.analysis import Analysis
 from physretarget.validation.rule import Limit, Limits, Rule, Verdict, exceeding
 
@@ -29,9 +32,11 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     """The floor would have to pull."""
     if "required_force" not in analysis.has:
         return Verdict(not_covered=analysis.no_forces_because)
+    if held := states.held_elsewhere(analysis):
+        return Verdict(not_covered=held)
     pull = analysis["ringing"] - analysis["straight_force"][:, 2]
     return exceeding(
-        analysis, rule, pull, warning=limits["warning"],
+        analysis, rule, np.where(states.known(analysis), pull, np.nan), warning=limits["warning"],
         error=limits["error"], unit="BW", sign=-1.0,
         message="the required vertical force is {value} {unit}: the floor would pull",
     )  # fmt: skip

@@ -21,6 +21,9 @@ A sprint start on ice.
 
 from __future__ import annotations
 
+import numpy as np
+
+from physretarget.validation import states
 from physretarget.validation.analysis import Analysis
 from physretarget.validation.rule import Limit, Limits, Rule, Verdict, exceeding
 
@@ -29,8 +32,11 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     """More friction is needed than the floor has."""
     if "friction_demand" not in analysis.has:
         return Verdict(not_covered=analysis.no_forces_because)
+    if held := states.held_elsewhere(analysis):
+        return Verdict(not_covered=held)
+    demand = np.where(states.known(analysis), analysis["friction_demand"], np.nan)
     return exceeding(
-        analysis, rule, analysis["friction_demand"] / analysis.friction,
+        analysis, rule, demand / analysis.friction,
         warning=limits["warning"], error=limits["error"], unit="of mu", minimum_s=0.05,
         message="{value} times the friction coefficient is needed (limit {limit})",
     )  # fmt: skip

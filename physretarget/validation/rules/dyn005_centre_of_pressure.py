@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from physretarget.validation import states
 from physretarget.validation.analysis import Analysis
 from physretarget.validation.rule import Limit, Limits, Rule, Verdict, exceeding
 
@@ -31,8 +32,11 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     """The centre of pressure lies outside the feet."""
     if not analysis.judges_forces:
         return Verdict(not_covered=analysis.no_forces_because)
+    if held := states.held_elsewhere(analysis):
+        return Verdict(not_covered=held)
+    outside = np.where(states.known(analysis), analysis["cop_outside"], np.nan)
     return exceeding(
-        analysis, rule, analysis["cop_outside"], warning=limits["warning"], error=np.inf,
+        analysis, rule, outside, warning=limits["warning"], error=np.inf,
         unit="m", minimum_s=0.05,
         message="the centre of pressure is {value} {unit} outside the support (limit {limit})",
     )  # fmt: skip

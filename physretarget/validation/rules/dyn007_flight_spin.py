@@ -32,6 +32,8 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     """In the air the angular momentum changes."""
     if not analysis.judges_forces:
         return Verdict(not_covered=analysis.no_forces_because)
+    if held := states.held_elsewhere(analysis):
+        return Verdict(not_covered=held)
     if short := states.too_short(analysis):
         return Verdict(not_covered=short)
     judged = states.free_flight(analysis)
