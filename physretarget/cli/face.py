@@ -117,8 +117,8 @@ def match_command(
     pins = {} if locked is None else _locked(locked)
     with progress("matching") as stage:
         result = match(take, shots, used, settings, span=span, locked=pins, progress=stage)
-    for loss in write_shot(out, result.shot()):
-        say(loss)
+    for note in (*result.notes, *write_shot(out, result.shot())):
+        say(note)
     dense = len(result.take.time)
     say(
         f"{out}: {len(result.channels)} channels, {result.keys} keys, "

@@ -172,7 +172,10 @@ def match(
         bank = _bank(library, rig, members[0].group, phrases, chosen.stretch == "middle", kept)
         results |= _group(driven, members, bank, library, chosen, locked or {})
     ordered = {c.name: results[c.name] for c in matched}
-    return Result(driven, ordered, chosen, driven.notes)
+    notes = driven.notes
+    if not matched:
+        notes += ("Nothing was matched: lips are left to the capture unless asked for.",)
+    return Result(driven, ordered, chosen, notes)
 
 
 def _bank(

@@ -52,6 +52,56 @@ def test_livelink_past_midnight_and_resampling(tmp_path):
     assert take.fps == pytest.approx(30)
 
 
+def drop_frame(count, clock, start, mark=":"):
+    """Live Link rows of a clock that leaves out the first numbers of a minute but each tenth."""
+    skip = clock // 15
+    rows = ["Timecode,BlendShapeCount,BrowInnerUp"]
+    for k in range(start, start + count):
+        tens, rest = divmod(k, 600 * clock - 9 * skip)
+        number = k + 9 * skip * tens
+        if rest >= skip:
+            number += skip * ((rest - skip) // (60 * clock - skip))
+        s, frame = divmod(number, clock)
+        stamp = f"{s // 3600:02d}:{s // 60 % 60:02d}:{s % 60:02d}{mark}{frame:02d}.000"
+        rows.append(f"{stamp},1,{(k - start) / 1000:.3f}")
+    return "\n".join(rows) + "\n"
+
+
+@pytest.mark.parametrize("clock", [30, 60])
+def test_livelink_clocks_that_drop_numbers(tmp_path, clock):
+    path = tmp_path / "t.csv"
+    path.write_text(drop_frame(clock * 150, clock, clock * 595))  # over a tenth minute as well
+    take = read_livelink(path)
+    assert take.fps == pytest.approx(clock / 1.001)
+    assert take.values[:, 0] == pytest.approx(np.arange(clock * 150) / 1000, abs=1e-9)
+    assert take.notes == (
+        f"Timecode counts {clock / 1.001:.4g} per second (drop-frame), "
+        f"rows come at {clock / 1.001:.4g} Hz.",
+    )
+    path.write_text(drop_frame(90, clock, 0, ";"))
+    assert read_livelink(path).fps == pytest.approx(clock / 1.001)
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        ["Timecode, BlendshapeCount, EyeBlinkLeft, JawOpen", "{}, 2, 0.1, 0.2"],
+        ["Timecode,BlendShapeCount,EyeBlinkLeft,JawOpen,", "{},2,0.1,0.2,"],
+        ['"Timecode","BlendShapeCount","EyeBlinkLeft","JawOpen"', '"{}",2,0.1,0.2'],
+        ["Timecode;BlendShapeCount;EyeBlinkLeft;JawOpen", "{};2;0.1;0.2"],
+        ["\ufeffTimecode,EyeBlinkLeft,JawOpen", "{},0.1,0.2"],
+    ],
+)
+def test_livelink_tables_of_other_tools(tmp_path, lines):
+    path = tmp_path / "t.csv"
+    rows = [lines[0], *(lines[1].format(f"01:02:03:{k:02d}.125") for k in range(40))]
+    path.write_bytes("\r\n".join(rows).encode())
+    take = read_take(path)
+    assert take.channels == ("EyeBlinkLeft", "JawOpen")
+    assert take.values == pytest.approx(np.tile([0.1, 0.2], (40, 1)))
+    assert take.fps == 60
+
+
 @pytest.mark.parametrize(
     ("text", "line"),
     [

@@ -189,6 +189,7 @@ def test_empty_rig_gives_nothing():
     result = match(take, LIBRARY, Rig.of(take))
     assert result.channels == {}
     assert result.keys == 0
+    assert "lips are left to the capture" in result.notes[-1]
 
 
 @pytest.mark.data

@@ -4,6 +4,9 @@ A trap: the timecode ``HH:MM:SS:FF.sss`` counts frames of the clock's rate, whic
 of the rows: a 30 Hz take may count 60ths and skip every other number. So the clock's rate is read
 from the largest frame number seen, the rows' rate from the median distance of timecodes, and the
 take is resampled onto that uniform rate, which also fills dropped frames.
+
+Drop-frame clocks (29.97 and 59.94 per second) leave out the first two or four numbers of every
+minute but each tenth. Such a clock is told by that, or by a semicolon ahead of the frame number.
 """
 
 from __future__ import annotations
@@ -21,9 +24,11 @@ from physretarget.errors import InputError
 from physretarget.face.formats.source import Source
 from physretarget.face.shot import Take
 
-_TIMECODE = re.compile(r"\s*(\d{1,2}):(\d{1,2}):(\d{1,2})[:;](\d{1,3}(?:\.\d{1,9})?)\s*")
+_TIMECODE = re.compile(r"\s*(\d{1,2}):(\d{1,2}):(\d{1,2})([:;])(\d{1,3}(?:\.\d{1,9})?)\s*")
+_HEADER = re.compile(rb"[\s\"']*timecode[\s\"']*[,;\t]", re.IGNORECASE)
 _CLOCKS = (24.0, 25.0, 30.0, 48.0, 50.0, 60.0, 100.0, 120.0)
 _DAY = 86400.0
+_NTSC = 1.001  # by how much a clock that drops numbers is slower than its numbers say
 _LONGEST = 1_000_000  # frames after resampling: more than four hours at 60 Hz
 
 
@@ -32,11 +37,12 @@ class _Rows:
     seconds: NDArray[np.float64]  # whole seconds of the timecode
     frames: NDArray[np.float64]  # frame part of the timecode
     values: NDArray[np.float64]
+    marked: bool  # whether a semicolon says that the clock drops numbers
 
 
 def is_livelink(source: Source) -> bool:
     """Whether the first line is Live Link's header."""
-    return source.content[:200].lstrip(b"\xef\xbb\xbf").lower().startswith(b"timecode,blendshape")
+    return _HEADER.match(source.content[:200].lstrip(b"\xef\xbb\xbf")) is not None
 
 
 def read_livelink(
@@ -55,13 +61,16 @@ def read_livelink(
     source = path if isinstance(path, Source) else Source.open(path)
     header, rows = _parse(source)
     rate = clock if clock is not None else _clock(rows, source)
-    time, kept, notes = _timeline(rows, rate, source)
+    drops = _drops_numbers(rows, rate)
+    time, kept, notes = _timeline(rows, rate, drops, source)
     step = float(np.median(np.diff(time)))
-    own = _nice_rate(1.0 / step)
+    slow = _NTSC if drops else 1.0
+    own = _nice_rate(slow / step) / slow
     dropped = int(np.sum(np.round(np.diff(time) / step) - 1))
     if dropped:
         notes.append(f"{dropped} dropped frames were filled linearly.")
-    notes.append(f"Timecode counts {rate:g} per second, rows come at {own:g} Hz.")
+    counts = f"{rate / slow:.4g} per second{' (drop-frame)' if drops else ''}"
+    notes.append(f"Timecode counts {counts}, rows come at {own:.4g} Hz.")
     target = own if fps is None else fps
     grid = _grid(time, target, source)
     values = rows.values[kept]
@@ -83,7 +92,10 @@ def _grid(time: NDArray[np.float64], fps: float, source: Source) -> NDArray[np.f
 
 
 def _parse(source: Source) -> tuple[tuple[str, ...], _Rows]:
-    reader = csv.reader(io.StringIO(source.text()))
+    text = source.text()
+    first = text.partition("\n")[0]
+    delimiter = max(",;\t", key=first.count)
+    reader = csv.reader(io.StringIO(text), delimiter=delimiter, skipinitialspace=True)
     try:
         lines = [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
     except csv.Error as error:
@@ -92,22 +104,31 @@ def _parse(source: Source) -> tuple[tuple[str, ...], _Rows]:
         raise InputError(
             "no Live Link header (Timecode,BlendShapeCount,…).", path=source.path, line=1
         )
-    header = tuple(cell.strip() for cell in lines[0][1][2:])
+    titles = [cell.strip() for cell in lines[0][1]]
+    while titles[-1] == "":  # a comma at the end of every line
+        titles.pop()
+    lead = 2 if titles[1].lower().startswith("blendshape") else 1
+    header = tuple(titles[lead:])
     if len(set(header)) != len(header) or "" in header:
         raise InputError(
             "a channel name is missing or twice in the header.", path=source.path, line=1
         )
     if len(lines) < 3:
         raise InputError("fewer than two frames.", path=source.path)
-    parsed = [_row(source, line, row, len(header)) for line, row in lines[1:]]
-    seconds, frames, values = zip(*parsed, strict=True)
-    return header, _Rows(np.array(seconds), np.array(frames), np.array(values, dtype=np.float64))
+    parsed = [_row(source, line, row, len(header), lead) for line, row in lines[1:]]
+    seconds, frames, values, marked = zip(*parsed, strict=True)
+    table = np.array(values, dtype=np.float64)
+    return header, _Rows(np.array(seconds), np.array(frames), table, any(marked))
 
 
-def _row(source: Source, line: int, row: list[str], width: int) -> tuple[float, float, list[float]]:
-    if len(row) != width + 2:
+def _row(
+    source: Source, line: int, row: list[str], width: int, lead: int
+) -> tuple[float, float, list[float], bool]:
+    while len(row) > width + lead and not row[-1].strip():
+        row = row[:-1]
+    if len(row) != width + lead:
         raise InputError(
-            f"{len(row)} columns where the header has {width + 2}.", path=source.path, line=line
+            f"{len(row)} columns where the header has {width + lead}.", path=source.path, line=line
         )
     match = _TIMECODE.fullmatch(row[0])
     if match is None:
@@ -116,12 +137,13 @@ def _row(source: Source, line: int, row: list[str], width: int) -> tuple[float, 
         )
     hours, minutes, seconds = (int(g) for g in match.groups()[:3])
     try:
-        values = [float(cell) for cell in row[2:]]
+        values = [float(cell) for cell in row[lead:]]
     except ValueError as error:
         raise InputError(f"not a number: {error}.", path=source.path, line=line) from error
     if not np.isfinite(values).all():
         raise InputError("a value is not finite.", path=source.path, line=line)
-    return 3600.0 * hours + 60.0 * minutes + seconds, float(match.group(4)), values
+    whole = 3600.0 * hours + 60.0 * minutes + seconds
+    return whole, float(match.group(5)), values, match.group(4) == ";"
 
 
 def _clock(rows: _Rows, source: Source) -> float:
@@ -132,18 +154,35 @@ def _clock(rows: _Rows, source: Source) -> float:
     return next((c for c in (30.0, 60.0, 120.0) if c > largest), largest + 1.0)
 
 
+def _drops_numbers(rows: _Rows, clock: float) -> bool:
+    """Whether the clock leaves out the first numbers of every minute but each tenth."""
+    if clock not in (30.0, 60.0):
+        return False
+    starts = (rows.seconds % 60 == 0) & (rows.seconds // 60 % 10 != 0)
+    if (starts & (rows.frames < clock / 15)).any():
+        return False
+    # Minutes that begin inside the take, without a gap that would explain the missing numbers.
+    here = np.flatnonzero(starts[1:] & ~starts[:-1]) + 1
+    before = clock - rows.frames[here - 1]
+    near = (rows.seconds[here - 1] == rows.seconds[here] - 1) & (before <= 3)
+    return rows.marked or bool((near & (rows.frames[here] <= clock / 15 + 3)).any())
+
+
 def _timeline(
-    rows: _Rows, clock: float, source: Source
+    rows: _Rows, clock: float, drops: bool, source: Source
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_], list[str]]:
     if rows.frames.max() >= clock + 1:
         raise InputError(
             f"frame numbers reach {rows.frames.max():g}, more than a clock of {clock:g} counts.",
             path=source.path,
         )
-    time = rows.seconds + rows.frames / clock
+    seconds = rows.seconds.copy()
+    seconds[1:] += _DAY * np.cumsum(np.diff(seconds) < -_DAY / 2)  # past midnight
+    time = seconds + rows.frames / clock
+    if drops:
+        minutes = seconds // 60
+        time = (time - (minutes - minutes // 10) / 15.0) * _NTSC
     notes = []
-    jumps = np.diff(time) < -_DAY / 2  # past midnight
-    time[1:] += _DAY * np.cumsum(jumps)
     kept = np.ones(len(time), dtype=bool)
     latest = np.maximum.accumulate(time)
     kept[1:] = time[1:] > latest[:-1] + 1e-9
