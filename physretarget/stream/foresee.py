@@ -1,8 +1,8 @@
 """What a foot has done so far, and what it will do next if it keeps its habits.
 
 The batch path forms stances from the whole timetable. So does the stream, of the timetable as far
-as it is known and continued by habit: a foot stands and swings as long as it did before, and touches
-down as much farther on as the body moves meanwhile.
+as it is known and continued by habit: a foot stands and swings as long as it did before, and
+touches down as much farther on as the body moves meanwhile.
 """
 
 from __future__ import annotations
@@ -180,7 +180,7 @@ class Seen:
 
     def forget(self, frame: int) -> None:
         """Drop what is older than the memory, but nothing from ``frame`` on."""
-        oldest = self.samples[-1].time - MEMORY
+        oldest = self[frame].time - MEMORY
         while self.first < frame and self.samples[0].time < oldest:
             self.samples.popleft()
             self.first += 1

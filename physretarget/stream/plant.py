@@ -41,11 +41,12 @@ BRISKLY, SLOWLY = 0.15, 0.3
 
 @dataclass(frozen=True, eq=False)
 class _Frame:
-    """One frame that waits for its turn."""
+    """One frame that waits for its turn; ``thrown``: when the actor took off last, s."""
 
     time: float
     placed: Array
     touch: Touch
+    thrown: float
 
 
 class Planter:
@@ -142,7 +143,7 @@ class Planter:
                 touch.active[tied],
             )
             event |= foot.seen.add(sample, going.velocity)
-        self.waiting.append(_Frame(time, placed, touch))
+        self.waiting.append(_Frame(time, placed, touch, self.flight.began))
         overdue = going.landing > 0.0 or time - self.planned_at > AGAIN
         if event or overdue or any(self._surprised(foot) for foot in self.feet):
             self.planned_at = time
@@ -209,7 +210,7 @@ class Planter:
         lasts = down - self.borne_at
         if not lasts <= self.settings.longest_flight:
             return None, not math.isfinite(down)
-        return (max(self.borne_at, min(self.flight.began, frame.time)), down), True
+        return (max(self.borne_at, min(frame.thrown, frame.time)), down), True
 
     def _posed(self, placed: Array, paths: dict[int, Path]) -> Array:
         character = self.character
