@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, sosfiltfilt
 
-from physretarget import capture
+from physretarget import capture, mjcf
 from physretarget.capture.actor import ActorMotion
 from physretarget.capture.mot import GroundForce, read_mot
 from physretarget.capture.recording import MarkerRecording
@@ -74,10 +73,7 @@ def smoothed(values: Floats, time: Floats, hz: float | None) -> Floats:
     fps = float((len(time) - 1) / (time[-1] - time[0]))
     if not 0 < hz < 0.5 * fps:
         raise UsageError(f"a low-pass of {hz:g} Hz is not possible at {fps:g} per second")
-    pad = min(len(values) - 1, int(np.ceil(3 * fps / hz)))
-    sos = butter(2, 2 * hz / fps, output="sos")
-    smooth: Floats = sosfiltfilt(sos, values, axis=0, padtype="odd", padlen=pad)
-    return smooth
+    return mjcf.smoothed(values, fps, hz)
 
 
 def standing_weight(path: str | Path) -> float:
