@@ -103,6 +103,9 @@ class TrainedMapper:
                 f"this version has {REFERENCE_ACTOR}: learn it again.",
                 path=path,
             )
+        missing = [name for name in ("y", "z", "qpos") if name not in arrays]
+        if missing:
+            raise InputError(f"the mapper is damaged: it lacks array {missing[0]!r}.", path=path)
         y, z, qpos = (arrays.floats(name, ndim=2) for name in ("y", "z", "qpos"))
         return cls(
             character=character,

@@ -53,7 +53,7 @@ from physretarget.validation.support import (
     skate,
     sliding,
 )
-from physretarget.validation.torque import TorqueLimits, contact_torque
+from physretarget.validation.torque import TorqueLimits, contact_torque, without_stops
 
 Floats = NDArray[np.float64]
 Series = dict[str, NDArray[np.generic]]
@@ -223,7 +223,7 @@ def _forces(
     qvel, qacc = motion
     wrench = required_wrench(character, chunk.qpos[wide], qvel[wide], qacc[wide])
     if not character.has_root:
-        _torques(series, work, wrench.joint_torque[inner])
+        _torques(series, work, chunk.qpos[chunk.keep], wrench.joint_torque[inner])
         return
     weight, height = character.weight, max(character.com_height, 1e-3)
     force = wrench.force[inner] / weight
@@ -253,7 +253,7 @@ def _forces(
     series |= arrows(support, fit.force)
     series |= skate(support, fit.force, velocity, work.friction)
     held = contact_torque(character, here, support, fit.force * weight, wrench.com[inner])
-    _torques(series, work, wrench.joint_torque[inner] - held)
+    _torques(series, work, chunk.qpos[chunk.keep], wrench.joint_torque[inner] - held)
 
 
 def _com(character: Character, pose: kinematics.Pose) -> Floats:
@@ -267,6 +267,6 @@ def _com(character: Character, pose: kinematics.Pose) -> Floats:
     return com
 
 
-def _torques(series: Series, work: Workspace, torque: Floats) -> None:
+def _torques(series: Series, work: Workspace, qpos: Floats, torque: Floats) -> None:
     if work.torque.any:
-        series |= work.torque.judge(torque)
+        series |= work.torque.judge(without_stops(work.character, qpos, torque))
