@@ -323,7 +323,7 @@ def read_live2d_of(folder, content):
         ([], "no first point"),
         ([0, 1, 1, 0.1], "cut short"),
         ([0, 1, 7, 1, 2], "type 7"),
-        ([0, 1, 0, 0, 2], "does not come after"),
+        ([1, 1, 0, 0.5, 2], "does not come after"),
         ([0, 1, 0, "x", 2], "segment number 3"),
         ("x", "a list is needed"),
     ],
@@ -514,3 +514,60 @@ def test_missing_extra_is_named(module, monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(PhysretargetError, match=rf"physretarget\[{extra}\]"):
         write_shot(tmp_path / f"a{suffix}", Shot("a", {}))
+
+
+def test_maya_lines_without_a_curve_do_not_name_the_next(tmp_path):
+    path = tmp_path / "c.anim"
+    path.write_text(
+        "animVersion 1.1;\r\nmayaVersion 2024;\r\ntimeUnit 59.94fps;\r\n"
+        "anim visibility visibility ctrl 0 0 1;\r\nanim ctrl 0 0 0;\r\n"
+        "anim translateX translateX |grp|char:ctrl 0 1 0;\r\nanimData {\r\n\tinput time;\r\n"
+        "\toutput linear;\r\n\tweighted 0;\r\n\tkeys {\r\n\t\t0 0 auto auto 1 1 0;\r\n"
+        "\t\t10 1 auto auto 1 1 0;\r\n\t}\r\n}\r\n"
+    )
+    (shot,) = read_shots(path)
+    assert list(shot.curves) == ["|grp|char:ctrl.translateX"]
+    assert shot.fps == pytest.approx(59.94)
+
+
+def spine(version, key, more):
+    header = {"spine": version} if version else {}
+    animations = {"a": {"bones": {"b": {"rotate": [key, more], "shearx": [{}, {"time": 1}]}}}}
+    return json.dumps({"skeleton": header, "bones": [], "animations": animations})
+
+
+@pytest.mark.parametrize("version", ["3.8.99", ""])
+def test_spine_3_with_and_without_a_version(tmp_path, version):
+    path = tmp_path / "x.json"
+    ease = {"angle": 350, "curve": 0.25, "c3": 0.75}
+    path.write_text(spine(version, ease, {"time": 1, "angle": 10}))
+    (shot,) = read_shots(path)
+    curve = shot.curves["b.rotate"]
+    assert curve.evaluate(0.5) == pytest.approx(360.0)  # the shorter way round
+    assert curve.keys[0].out_tangent == pytest.approx((0.25, 0.0))
+    assert "b.shearx" in shot.curves
+
+
+def test_spine_4_turns_as_far_as_it_says(tmp_path):
+    path = tmp_path / "x.json"
+    curve = {"value": 350, "curve": [0.25, 350, 0.75, 10]}
+    path.write_text(spine("4.2.22", curve, {"time": 1, "value": 10}))
+    (shot,) = read_shots(path)
+    assert shot.curves["b.rotate"].evaluate(0.5) == pytest.approx(180.0)
+
+
+def test_live2d_jumps_at_once_and_fades(tmp_path):
+    path = tmp_path / "m.motion3.json"
+    segments = [0, 0, 0, 1, 1, 0, 1, 5, 0, 2, 5]
+    curve = {"Target": "Parameter", "Id": "P", "FadeInTime": 0.5, "Segments": segments}
+    path.write_text(json.dumps({"Version": 3, "Meta": {"Fps": 30}, "Curves": [curve]}))
+    (shot,) = read_shots(path)
+    found = shot.curves["P"]
+    assert found.time == pytest.approx([0, 1, 1, 2], abs=1e-4)
+    assert found.evaluate(0.999) == pytest.approx(0.999, abs=1e-3)
+    assert found.evaluate(1.0) == 5
+    assert "jump" in shot.notes[0]
+    curve["Segments"] = [0, 0, 0, 1, 1, 0, 0.5, 2]
+    path.write_text(json.dumps({"Version": 3, "Meta": {}, "Curves": [curve]}))
+    with pytest.raises(InputError, match="does not come after"):
+        read_shots(path)

@@ -5,6 +5,9 @@ A curve's ``Segments`` is a first point ``t, v`` and then, per segment, a type a
 stepped ``t, v`` (jump at once). Where ``Meta.AreBeziersRestricted`` is true, players take the
 handles to be at thirds of the span whatever their times say, and so does this reader.
 
+A segment of no length is a jump: the key ahead of it moves a thousandth of a frame early and
+holds, and the shot's notes say so. Fades are the player's and no part of a curve.
+
 Channels are named by ``Id`` where ``Target`` is ``Parameter``, else ``Target.Id``.
 
 Lost in writing: which kind a tangent was (all but linear and stepped come back as fixed), and the
@@ -14,6 +17,7 @@ handles outside the first and last key, which no player evaluates. The shape is 
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from os import PathLike
 from typing import Any
 
@@ -48,14 +52,15 @@ def read_live2d(path: str | PathLike[str] | Source) -> Shot:
     if fps is not None and fps <= 0:
         source.fail("Meta.Fps", f"a frame rate of {fps:g} is not usable.")
     curves: dict[str, Curve] = {}
+    notes: list[str] = []
     for index, item in enumerate(sequence(source, "Curves", content.get("Curves"))):
         body = mapping(source, f"curve {index}", item)
         name = _name(source, index, body)
         if name in curves:
             source.fail(f"curve {index}", f"{name} is there twice.")
-        curves[name] = _curve(source, name, body, restricted)
+        curves[name] = _curve(source, name, body, restricted, 1e-3 / (fps or 30.0), notes)
     name = source.path.name.removesuffix(".json").removesuffix(".motion3")
-    return Shot(name, curves, fps, source.sha256)
+    return Shot(name, curves, fps, source.sha256, tuple(notes))
 
 
 def _name(source: Source, index: int, body: dict[str, Any]) -> str:
@@ -65,7 +70,14 @@ def _name(source: Source, index: int, body: dict[str, Any]) -> str:
     return identity if target == "Parameter" else f"{target}.{identity}"
 
 
-def _curve(source: Source, name: str, body: dict[str, Any], restricted: bool) -> Curve:
+def _curve(
+    source: Source,
+    name: str,
+    body: dict[str, Any],
+    restricted: bool,
+    instant: float,
+    notes: list[str],
+) -> Curve:
     where = f"curve {name}"
     items = sequence(source, where, body.get("Segments"))
     values = [number(source, f"{where}, segment number {k}", v) for k, v in enumerate(items)]
@@ -81,6 +93,10 @@ def _curve(source: Source, name: str, body: dict[str, Any], restricted: bool) ->
         numbers = values[at + 1 : at + 1 + _SIZES[int(kind)]]
         if len(numbers) < _SIZES[int(kind)]:
             source.fail(spot, "its segment is cut short.")
+        if numbers[-2] == keys[-1].time:
+            _move_early(keys, instant)
+            notes.append(f"{spot}: a jump at once; the key ahead moved 0.001 frames early.")
+            kind = _STEPPED
         if numbers[-2] <= keys[-1].time:
             source.fail(spot, f"t = {numbers[-2]:g} s does not come after the key before it.")
         _append(keys, int(kind), numbers, restricted)
@@ -89,6 +105,16 @@ def _curve(source: Source, name: str, body: dict[str, Any], restricted: bool) ->
         return Curve(tuple(keys))
     except InputError as error:
         raise InputError(f"{where}: {error}", path=source.path) from error
+
+
+def _move_early(keys: list[Key], instant: float) -> None:
+    """Move the last key a little, no further than half the way to the one before it."""
+    last = keys[-1]
+    room = (last.time - keys[-2].time) / 2 if len(keys) > 1 else instant
+    less = min(instant, room)
+    if less > 0 and last.time - less < last.time:
+        into = (min(last.in_tangent[0] + less, 0.0), last.in_tangent[1])
+        keys[-1] = replace(last, time=last.time - less, in_tangent=into)
 
 
 def _append(keys: list[Key], kind: int, numbers: list[float], restricted: bool) -> None:

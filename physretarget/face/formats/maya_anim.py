@@ -79,25 +79,25 @@ def read_maya(path: str | PathLike[str] | Source) -> Shot:
     # Version 1.0 has no breakdown flag: six words come before the angles, else seven.
     flags = 6 if any(s.words == ("animVersion", "1.0") for s in statements) else 7
     unit, curves, notes = "", dict[str, Curve](), list[str]()
-    rate, name, at = 24.0, "", 0
+    rate, told, name, at = 24.0, "", "", 0
     while at < len(statements):
         words, line = statements[at].words, statements[at].line
         if words[:1] == ("timeUnit",) and not curves:
             unit = words[1] if len(words) > 1 else ""
             rate = _rate(source, line, unit)
         elif words[:1] == ("//channel",):
-            name = " ".join(words[1:])
+            told = " ".join(words[1:])
         elif words[:1] == ("anim",):
-            name = name or _name(source, line, words)
+            name = _name(source, line, words)  # lines without animData name channels at rest
         elif words[:1] == ("animData",) and statements[at].end == "{":
-            block = _Block(name or f"curve{len(curves)}", line, rate, flags)
+            block = _Block(told or name or f"curve{len(curves)}", line, rate, flags)
             at = _block(source, statements, at + 1, block)
             if block.name in curves:
                 _fail(source, line, f"{block.name} is animated twice.")
             if block.rows:
                 curves[block.name] = _curve(source, block)
             notes += block.notes
-            name = ""
+            told = name = ""
         at += 1
     fps = rate if unit not in ("", "sec", "millisec", "min", "hour") else None
     return Shot(source.path.stem, curves, fps, source.sha256, tuple(notes))

@@ -1,4 +1,8 @@
-"""Spine JSON (3.x and 4.x), read only: the bone timelines of every animation, one shot each."""
+"""Spine JSON (3.x and 4.x), read only: the bone timelines of every animation, one shot each.
+
+Before 4.0 a rotation takes the shorter way round and handles are shares of their span; since then
+values are as they stand and handles absolute. A file without a version is told by its key fields.
+"""
 
 from __future__ import annotations
 
@@ -21,6 +25,8 @@ _COMPONENTS = {
     "translatey": ("value",),
     "scalex": ("value",),
     "scaley": ("value",),
+    "shearx": ("value",),
+    "sheary": ("value",),
 }
 _Handles = tuple[float, float, float, float]  # offsets: out dx, out dy, in dx, in dy
 
@@ -35,9 +41,11 @@ def read_spine(path: str | PathLike[str] | Source) -> tuple[Shot, ...]:
     source = path if isinstance(path, Source) else Source.open(path)
     content = mapping(source, "file", source.json())
     skeleton = mapping(source, "skeleton", content.get("skeleton", {}))
-    absolute = not str(skeleton.get("spine", "4")).startswith(("2", "3"))
+    animations = mapping(source, "animations", content.get("animations"))
+    version = skeleton.get("spine") or ("3" if _is_old(animations) else "4")
+    absolute = not str(version).startswith(("2", "3"))
     shots = []
-    for name, item in mapping(source, "animations", content.get("animations")).items():
+    for name, item in animations.items():
         bones = mapping(source, name, mapping(source, name, item).get("bones", {}))
         curves: dict[str, Curve] = {}
         for bone, timelines in bones.items():
@@ -46,6 +54,22 @@ def read_spine(path: str | PathLike[str] | Source) -> tuple[Shot, ...]:
                 curves |= _timeline(source, where, f"{bone}.{kind}", kind, keys, absolute)
         shots.append(Shot(f"{source.path.stem}:{name}", curves, None, source.sha256))
     return tuple(shots)
+
+
+def _is_old(content: Any) -> bool:
+    """Whether any key has fields that version 4 no longer knows."""
+    parts = content.values() if isinstance(content, dict) else content
+    old = isinstance(content, dict) and not {"angle", "c2", "c3", "c4"}.isdisjoint(content)
+    return old or any(_is_old(p) for p in parts if isinstance(p, dict | list))
+
+
+def _shorter_way(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Angles (degrees) that follow each other by at most half a turn."""
+    turned = points[:1]
+    for time, angle in points[1:]:
+        last = turned[-1][1]
+        turned.append((time, last + (angle - last + 180.0) % 360.0 - 180.0))
+    return turned
 
 
 def _timeline(
@@ -60,6 +84,8 @@ def _timeline(
         fields = (component, "angle") if kind == "rotate" else (component,)
         rest = 1.0 if kind.startswith("scale") else 0.0
         points = [_point(source, where, item, fields, rest) for item in items]
+        if kind == "rotate" and not absolute:
+            points = _shorter_way(points)
         spans = list(_spans(source, where, items, points, axis, absolute))
         channel = label if len(names) == 1 else f"{label}.{component}"
         try:
