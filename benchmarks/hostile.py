@@ -39,7 +39,7 @@ def _load(name: str) -> ModuleType:
 
 
 malicious = _load("malicious")
-Watch = _load("test_malicious").Watch
+Watch = _load("watch").Watch
 
 
 class Observer(threading.Thread):

@@ -6,7 +6,7 @@ import threading
 import time
 from collections import OrderedDict
 from collections.abc import Callable
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import Depends, Query, Request, Security
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
@@ -109,9 +109,6 @@ def ticketed(request: Request) -> str:
 
 Reader = Annotated[Caller, Depends(_guard("read"))]
 Submitter = Annotated[Caller, Depends(_guard("submit"))]
-Admin = Annotated[Caller, Depends(_guard("admin"))]
 Viewer = Annotated[Caller, Depends(_open)]
 GUARDED: tuple[int, ...] = (400, 401, 403, 421, 429, 503)
 """Statuses that every guarded route may answer."""
-
-Responses = dict[int | str, dict[str, Any]]

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import importlib.util
 import io
 import shutil
 import subprocess
-import sys
 import zipfile
 from pathlib import Path
-from types import ModuleType
 
+import malicious
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -19,18 +17,6 @@ from physretarget.errors import InputError, UnsafeInputError
 from physretarget.sandbox.archive import unpack
 from physretarget.sandbox.limits import Limits
 
-
-def _load(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name(f"{name}.py"))
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-malicious = _load("malicious")
 # Archives that unpack well; the models in them are what is refused.
 HONEST = {"no_model", "two_models"}
 ZIPS = [
@@ -39,7 +25,7 @@ ZIPS = [
 
 
 @pytest.mark.parametrize("case", ZIPS, ids=lambda c: c.name)
-def test_refused_whole(case: malicious.Case, tmp_path: Path) -> None:  # type: ignore[name-defined]
+def test_refused_whole(case: malicious.Case, tmp_path: Path) -> None:
     if case.name in HONEST or case.name.startswith(("stl", "obj", "msh", "png", "hfield", "skin")):
         pytest.skip("the archive itself is honest")
     file, into = tmp_path / "a.zip", tmp_path / "in" / "to"

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import contextlib
-import importlib.util
 import io
 import struct
-import sys
 from pathlib import Path
-from types import ModuleType
 
+import malicious
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -21,18 +19,6 @@ from physretarget.sandbox.assets import check_asset
 from physretarget.sandbox.limits import Limits
 from physretarget.sandbox.mjcf import check_model
 
-
-def _load(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name(f"{name}.py"))
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-malicious = _load("malicious")
 FUZZ = settings(
     max_examples=120, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )

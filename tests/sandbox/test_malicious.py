@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import ctypes
-import importlib.util
-import os
-import struct
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
+import malicious
 import pytest
+from watch import Watch
 
 from physretarget.sandbox.child import ChildError
 from physretarget.sandbox.limits import Limits
@@ -21,45 +17,6 @@ from physretarget.sandbox.pool import Pool
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 LIMITS = Limits(seconds=30, cpu_seconds=30, memory_bytes=2 * 2**30)
-
-
-def _load(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name(f"{name}.py"))
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-malicious = _load("malicious")
-
-
-class Watch:
-    """Tells whether anything in a folder was opened, by inotify."""
-
-    def __init__(self, folder: Path) -> None:
-        libc = ctypes.CDLL(None, use_errno=True)
-        self.handle = libc.inotify_init1(os.O_NONBLOCK)
-        opened, read, written, made = 0x20, 0x1, 0x2, 0x100
-        mask = opened | read | written | made
-        assert libc.inotify_add_watch(self.handle, os.fsencode(folder), mask) >= 0
-
-    def close(self) -> None:
-        os.close(self.handle)
-
-    def seen(self) -> list[str]:
-        try:
-            content = os.read(self.handle, 65536)
-        except BlockingIOError:
-            return []
-        names = []
-        while content:
-            (length,) = struct.unpack("I", content[12:16])
-            names.append(content[16 : 16 + length].rstrip(b"\0").decode())
-            content = content[16 + length :]
-        return names
 
 
 @pytest.fixture(scope="module")

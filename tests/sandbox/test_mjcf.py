@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
 import struct
-import sys
 from pathlib import Path
-from types import ModuleType
 
+import malicious
 import mujoco
 import numpy as np
 import pytest
@@ -27,19 +25,6 @@ from physretarget.sandbox.vocabulary import (
 )
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-
-
-def _load(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name(f"{name}.py"))
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-malicious = _load("malicious")
 
 
 def schema() -> dict[str, set[str]]:

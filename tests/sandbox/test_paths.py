@@ -3,35 +3,20 @@
 from __future__ import annotations
 
 import contextlib
-import importlib.util
 import shutil
-import sys
 from pathlib import Path
-from types import ModuleType
 from xml.sax.saxutils import quoteattr
 
+import malicious
 import mujoco
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from watch import Watch
 
 from physretarget.errors import InputError
 from physretarget.sandbox.limits import Limits
 from physretarget.sandbox.mjcf import check_model
-
-
-def _load(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name(f"{name}.py"))
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-malicious = _load("malicious")
-Watch = _load("test_malicious").Watch
 
 NAMES = ["m.stl", "t.png", "h.bin", "part.xml", "s.skn", "m.obj"]
 PIECES = [
