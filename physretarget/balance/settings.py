@@ -18,6 +18,8 @@ class BalanceSettings:
         more they leave: nobody is to lean for what no leaning mends.
     roughness: of half the mean square of the acceleration that the markers are given, in heights
         per τ² (τ² = h / g: the lower the centre of mass, the quicker the balance is lost).
+    ends: of half the mean square of the velocity that they are given at a clip's ends (within about
+        τ), in heights per τ: a clip does not begin or end with a fall.
     limit: the most that the markers of a frame move (RMS).
     inset, friction: the floor pushes only in the inner share of the support and with this
         share of the friction, so that some is left.
@@ -37,6 +39,7 @@ class BalanceSettings:
     residual: float = 0.1
     hopeless: float = 0.5
     roughness: float = 0.01
+    ends: float = 3.0
     limit: float = 0.08
     inset: float = 0.1
     friction: float = 0.9
@@ -56,4 +59,9 @@ class BalanceSettings:
     @property
     def weights(self) -> Weights:
         """Those of the programme."""
-        return Weights(residual=self.residual, roughness=self.roughness, limit=self.limit)
+        return Weights(
+            residual=self.residual,
+            roughness=self.roughness,
+            ends=self.ends,
+            limit=self.limit,
+        )

@@ -71,7 +71,8 @@ class _Task:
     hold: Hold
     place: Array  # (T, P, 3) where a contact point bears load: at its nearest stance
     on: Flags  # (T, P) may bear load
-    second: sparse.csr_array  # (T, T)
+    second: sparse.csr_array  # (T, T) times τ²
+    first: sparse.csr_array  # (T, T) times τ, fading from both ends
     settings: BalanceSettings
 
 
@@ -166,7 +167,10 @@ def _task(
         place[:, k] = place[nearest, k]
     reach = np.ones((2 * settings.reach + 1, 1), dtype=bool)
     gravity = character.weight / character.mass
-    second = differences(len(qpos), step)[1] * (character.com_height / gravity)
+    quick = character.com_height / gravity
+    rate, second = differences(len(qpos), step)
+    since = np.minimum(time - time[0], time[-1] - time) / np.sqrt(quick)
+    ends = sparse.diags_array(np.exp(-0.5 * since**2))
     return _Task(
         character=character,
         original=qpos,
@@ -175,7 +179,8 @@ def _task(
         hold=hold,
         place=place,
         on=binary_dilation(active, reach),
-        second=sparse.csr_array(second),
+        second=sparse.csr_array(second * quick),
+        first=sparse.csr_array(ends @ rate * np.sqrt(quick)),
         settings=settings,
     )
 
@@ -301,6 +306,7 @@ def _window(
             patience=patient[rows],
             second=second,
             columns=rows,
+            first=sparse.csr_array(task.first[part, part]),
             excursion=now,
             cost=cost,
         )

@@ -42,12 +42,15 @@ class Weights:
     Displacements are in heights of the character, forces in body weights, moments in body
     weights times the height of the centre of mass. ``residual`` is the price of what is
     unexplained; ``roughness`` that of half the mean square of the
-    markers' added acceleration, times τ² and in heights; ``limit`` the most that they may move
+    markers' added acceleration, times τ² and in heights; ``ends`` that of their added velocity,
+    times τ, near the ends of a clip: beyond them nobody has to catch a fall;
+    ``limit`` the most that they may move
     (RMS of a frame).
     """
 
     residual: float
     roughness: float
+    ends: float
     limit: float
 
 
@@ -70,10 +73,11 @@ class Programme:
     """T frames, of which R are judged.
 
     ``wrench`` (R, 6) required now, force and moment about the centre of mass; ``support`` of
-    the same frames; ``patience`` (R,) how much their residual counts; ``second`` (R, T) second
-    differences times τ²; ``columns`` (R,) which of the frames they are. ``excursion`` (T, 6)
-    of the clip as it is now and ``cost`` (T, 6, 6): ½ uᵀ cost u is half the mean square
-    displacement of the markers that it takes.
+    the same frames; ``patience`` (R,) how much their residual counts; ``columns`` (R,) which of
+    the frames they are. ``second`` (R, T) second differences times τ²; ``first`` (T, T)
+    differences times τ, near the ends of the clip alone. ``excursion`` (T, 6) of the clip as it
+    is now and ``cost`` (T, 6, 6): ½ uᵀ cost u is half the mean square displacement of the
+    markers that it takes.
     """
 
     wrench: Array
@@ -81,6 +85,7 @@ class Programme:
     patience: Array
     second: sparse.csr_array
     columns: Ints
+    first: sparse.csr_array
     excursion: Array
     cost: Array
 
@@ -115,9 +120,13 @@ def minimise(programme: Programme, weights: Weights) -> Excursion:
     cones += [clarabel.SecondOrderConeT(7)] * (judged + frames)
     rough = sparse.kron(programme.second, sparse.eye_array(6), format="csr")
     seen = sparse.block_diag(list(programme.cost[programme.columns]))
+    whole = sparse.block_diag(list(programme.cost))
+    speed = sparse.kron(programme.first, sparse.eye_array(6), format="csr")
     quadratic = sparse.block_diag(
         [
-            sparse.block_diag(list(programme.cost)) + weights.roughness * (rough.T @ seen @ rough),
+            whole
+            + weights.roughness * (rough.T @ seen @ rough)
+            + weights.ends * (speed.T @ whole @ speed),
             _PRICE_OF_FORCE * sparse.eye_array(forces),
             sparse.csr_array((7 * judged, 7 * judged)),
         ],

@@ -38,11 +38,10 @@ def test_a_leaning_box_is_led_over_its_support(stalk, standing) -> None:
         mass / mass.sum(),
         kinematics.points(pose, bodies, stalk.model.body_ipos[bodies]),
     )
-    inner = centre[40:-40, 0]  # it may come from farther out, and fall at the end
-    assert inner.mean() <= 0.1
-    assert inner.min() > 0.05  # no farther back than needed
+    assert centre[40:-40, 0].max() <= 0.101
+    assert centre[:, 0].min() > 0.05  # no farther back than needed
     assert np.abs(_contacts(stalk, result.qpos) - _contacts(stalk, qpos)).max() < 1e-3
-    assert np.all(result.qpos[:, 7] < qpos[:, 7])
+    assert np.all(result.qpos[:, 7] < qpos[:, 7] + 1e-3)  # nor is a fall caught at the ends
 
 
 def test_what_is_far_from_trouble_stays(stalk, standing) -> None:

@@ -11,7 +11,7 @@ from scipy import sparse
 from physretarget.ocp.balance import Programme, Support, Weights, minimise, unexplained
 from physretarget.ocp.basis import differences
 
-EASY = Weights(residual=1e3, roughness=0.0, limit=100.0)
+EASY = Weights(residual=1e3, roughness=0.0, ends=0.0, limit=100.0)
 
 
 def _programme(wrench: np.ndarray, half: float, tau2: float, step: float) -> Programme:
@@ -24,6 +24,7 @@ def _programme(wrench: np.ndarray, half: float, tau2: float, step: float) -> Pro
         patience=np.ones(frames),
         second=sparse.csr_array(differences(frames, step)[1] * tau2),
         columns=np.arange(frames),
+        first=sparse.csr_array((frames, frames)),
         excursion=np.zeros((frames, 6)),
         cost=np.tile(np.diag([1.0, 1.0, 1.0, 50.0, 50.0, 50.0]), (frames, 1, 1)),
     )
@@ -80,6 +81,7 @@ def test_in_flight_the_excursion_takes_back_what_nothing_pushes() -> None:
         support=Support(np.zeros((len(inner), 1, 3)), np.zeros((len(inner), 1), bool), 1.0),
         second=sparse.csr_array((differences(frames, 1 / 60)[1] * tau2)[inner]),
         columns=inner,
+        first=sparse.csr_array((frames, frames)),
         excursion=np.zeros((frames, 6)),
         cost=np.tile(np.eye(6), (frames, 1, 1)),
     )
@@ -89,7 +91,7 @@ def test_in_flight_the_excursion_takes_back_what_nothing_pushes() -> None:
 
 
 def test_the_limit_holds() -> None:
-    tight = Weights(residual=1e3, roughness=0.0, limit=0.05)
+    tight = Weights(residual=1e3, roughness=0.0, ends=0.0, limit=0.05)
     found = minimise(_programme(_standing(60, 0.4), 0.1, 0.04, 1 / 60), tight)
     assert np.sqrt(np.sum(found.excursion[:, :3] ** 2, axis=1)).max() <= 0.05 + 1e-6
     assert np.abs(found.residual).max() > 0.1
