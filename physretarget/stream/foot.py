@@ -35,6 +35,9 @@ LAND = 0.08
 """What is left of a flight's correction at touch-down is gone after so many s."""
 CLOSING = 3.0
 """The time to the nearest stance changes at most so many times as fast as time itself."""
+FASTEST = 1.2
+"""Corrections change no faster than this times sqrt(g · height)."""
+GRAVITY = 9.81
 STRAYED = 0.2
 """A base that carries both feet takes a new place when it is so far off, in heights."""
 SEAM = 0.06
@@ -366,7 +369,8 @@ class Foot:
         arc, away = 0.0, math.inf
         if self.stance is not None:
             goal, bearing = self._standing(sample, frame)
-            share = min((time - self.stance.since) / (LAND if self.left else FIRST), 1.0)
+            fade = max(LAND if self.left else FIRST, 1.5 * self._lasts(self.residual))
+            share = min((time - self.stance.since) / fade, 1.0)
             correction = goal + (1.0 - share * share * (3.0 - 2.0 * share)) * self.residual
             arc, away = self._eased(time, ()), 0.0
         else:
@@ -417,8 +421,9 @@ class Foot:
     def _approached(self, goal: Array, step: float, left: float, linear: bool) -> Array:
         """One step of the cubic that reaches ``goal`` with no rate in ``left`` s."""
         assert self.correction is not None
-        h = min(step / max(left, 1e-9), 1.0)
         gap = goal - self.correction
+        left = max(left, self._lasts(gap))
+        h = min(step / max(left, 1e-9), 1.0)
         if linear:
             self.rate = gap / max(left, 1e-9)
             return self.correction + h * gap
@@ -427,6 +432,10 @@ class Foot:
         rate = 6.0 * h * (1.0 - h) * gap + (1.0 - h) * (1.0 - 3.0 * h) * slope
         self.rate = rate / max(left, 1e-9)
         return moved
+
+    def _lasts(self, gap: Array) -> float:
+        """The shortest time for a change of the correction, s."""
+        return math.hypot(gap[0], gap[1]) / (FASTEST * math.sqrt(GRAVITY * self.height))
 
     def _arc(
         self, time: float, down: float, target: Footing, throw: tuple[float, float] | None

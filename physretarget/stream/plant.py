@@ -117,7 +117,7 @@ class Planter:
             local += [sole.local, sole.under]
         points = Points(tuple(names), np.concatenate(bodies), np.concatenate(local))
         # A leg that is stretched to a place out of its reach is singular.
-        self.solver = Solver(character, points, steps=3, longest=0.3)
+        self.solver = Solver(character, points, steps=2, longest=0.3)
         if character.has_root:
             prior[character.root_dof : character.root_dof + 6] = 0.0
         self.solver.hold(prior)
@@ -219,7 +219,8 @@ class Planter:
         if self.own is not None:
             return self._carried(placed, paths[self.own.sole.body])
         markers = character.markers
-        self.body.pose(placed)
+        if len(self.waiting):  # otherwise it is the frame that was just seen
+            self.body.pose(placed)
         near = np.array([1.0 / (1.0 + (p.away / 0.2) ** 2) for p in paths.values()]) + 1e-6
         near /= near.sum()
         shift = near @ np.array([p.shift for p in paths.values()])
@@ -250,7 +251,7 @@ class Planter:
             mujoco.mj_integratePos(model, start, self.offset, 1.0)
         else:
             self.offset = np.zeros(model.nv)
-        qpos = self.solver.solve(start, np.concatenate(target), near=moved, tolerance=1e-4)
+        qpos = self.solver.solve(start, np.concatenate(target), near=moved, tolerance=5e-4)
         mujoco.mj_differentiatePos(model, self.offset, 1.0, moved, qpos)
         return qpos
 

@@ -19,6 +19,8 @@ LEG = 0.9
 """Length of the leg that the thresholds are stated for, m."""
 HORIZON = 0.15
 """Touch-downs are foreseen this far ahead, s."""
+AGAIN = 0.05
+"""Rest heights are found anew so often, s."""
 BIN, LOWEST = 0.002, -0.5
 """Slow heights are counted in bins of 2 mm from half a metre below zero."""
 
@@ -53,6 +55,7 @@ class Toucher:
         self.feet = np.array([CONTACT_POINTS.index(name) for name in FEET])
         self.counts = np.zeros((len(FEET), round(-2.0 * LOWEST / BIN)))
         self.rest = np.zeros(len(CONTACT_POINTS))
+        self.age = 0.0
 
     def next(self, place: Array, step: float) -> Touch:
         """Points at ``place`` (10, 3), ``step`` s after the last ones."""
@@ -62,7 +65,7 @@ class Toucher:
             self.velocity += share * ((place - self.before) / step - self.velocity)
         self.before = np.array(place)
         speed = np.sqrt(np.einsum("nc,nc->n", self.velocity, self.velocity)) / self.scale**0.5
-        self._rest(place[:, 2], speed)
+        self._rest(place[:, 2], speed, step)
         height = (place[:, 2] - self.rest) / self.scale
         low = height < told.height_on
         hold = (height < told.height_off) & (speed < told.speed_off)
@@ -76,12 +79,16 @@ class Toucher:
         clearance = float(height[self.feet].min()) * self.scale
         return Touch(self.active.copy(), landing, max(clearance, 0.0))
 
-    def _rest(self, height: Array, speed: Array) -> None:
+    def _rest(self, height: Array, speed: Array, step: float) -> None:
         feet = height[self.feet]
         slow = np.flatnonzero(speed[self.feet] < self.settings.speed_off)
         where = ((feet[slow] - LOWEST) / BIN).astype(np.int64)
         inside = (where >= 0) & (where < self.counts.shape[1])
         self.counts[slow[inside], where[inside]] += 1.0
+        self.age += step
+        if 0.0 < self.age < AGAIN:  # the deciles move slowly, and take time to find
+            return
+        self.age = 0.0
         total = np.cumsum(self.counts, axis=1)
         seen = total[:, -1] > 0
         decile = np.argmax(total >= 0.1 * total[:, -1:], axis=1) * BIN + LOWEST + 0.5 * BIN
