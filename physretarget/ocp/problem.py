@@ -9,7 +9,7 @@ is known from one pass of inverse dynamics, and they depend on three numbers alo
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
@@ -68,6 +68,18 @@ class Scene:
         """(T,) frames in which no point is meant to touch."""
         touching: NDArray[np.bool_] = np.any(self.active, axis=1)
         return ~touching
+
+    def between(self, first: int, last: int) -> Scene:
+        """Frames first to last - 1."""
+        some = slice(first, last)
+        offset, spread = self.pose_offset, self.pose_spread
+        return replace(
+            self, force=self.force[some], moment=self.moment[some], arm=self.arm[some],
+            contact=self.contact[some], height=self.height[some], velocity=self.velocity[some],
+            active=self.active[some], standing=self.standing[some],
+            clearance=self.clearance[some], pose_offset=None if offset is None else offset[some],
+            pose_spread=None if spread is None else spread[some],
+        )  # fmt: skip
 
 
 class OverFrames:

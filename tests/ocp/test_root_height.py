@@ -12,7 +12,7 @@ from scipy.sparse import csc_matrix
 from physretarget.errors import InputError, UsageError
 from physretarget.mjcf import Character
 from physretarget.mjcf.dynamics import derivatives, required_wrench
-from physretarget.ocp import PRESETS, RootHeightSettings, optimise
+from physretarget.ocp import PRESETS, RootHeightSettings, bound, optimise
 from physretarget.ocp.basis import differences, gaussian_basis, sparse_of
 from physretarget.ocp.bound import vertical_bound
 from physretarget.ocp.gauss_newton import Normal, solve
@@ -292,3 +292,24 @@ def test_what_is_below_the_floor_already_is_lowered_no_further(hopper: Make) -> 
     settings = RootHeightSettings()
     least = lowest_displacement(scene_of(character, qpos, time, active), settings)
     np.testing.assert_allclose(least, -0.1 * settings.floor * character.height)
+
+
+def test_a_long_clip_is_solved_piece_by_piece_as_if_at_once(
+    hopper: Make, hops: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    character = hopper()
+    qpos, time, active = hops(12.0)
+    settings = RootHeightSettings.preset("convex")
+    whole = optimise(character, qpos, time, active, settings=settings)
+    monkeypatch.setattr(bound, "CONE_WINDOW", 70)
+    monkeypatch.setattr(bound, "CONE_AHEAD", 60)
+    pieces = optimise(character, qpos, time, active, settings=settings)
+    assert pieces.iterations > 3 * whole.iterations
+    moved = np.abs(pieces.displacement - whole.displacement).max()
+    assert moved < 1e-4 * character.height
+    push = np.abs(pieces.contact_after - whole.contact_after).max()
+    assert push < 1e-2 * character.weight
+    assert pieces.mismatch_after == pytest.approx(whole.mismatch_after, rel=1e-4)
+    monkeypatch.setattr(bound, "CONE_AHEAD", 1)
+    short = optimise(character, qpos, time, active, settings=settings)
+    assert np.abs(short.displacement - whole.displacement).max() > 10 * moved
