@@ -97,7 +97,9 @@ def match_command(
         typer.Option("--locked", metavar="FILE", help="Keyed curves whose keys stay as they are."),
     ] = None,
     fps: Fps = None,
-    report: Annotated[Path | None, typer.Option("--report", metavar="DIR")] = None,
+    report: Annotated[
+        Path | None, typer.Option("--report", metavar="DIR", help="Folder of an HTML report.")
+    ] = None,
 ) -> None:
     """Turn a capture into sparse curves in the library's style."""
     one_of(method, METHODS, "--method")

@@ -35,7 +35,10 @@ def replay_command(
         typer.Option("--report", help="Findings from this report instead of judging now."),
     ] = None,
     fps: Annotated[float | None, typer.Option("--fps", help="Of clips without a header.")] = None,
-    quat: Annotated[str | None, typer.Option("--quat", **complete(("wxyz", "xyzw")))] = None,
+    quat: Annotated[
+        str | None,
+        typer.Option("--quat", help="Its quaternion order.", **complete(("wxyz", "xyzw"))),
+    ] = None,
     speed: Annotated[float, typer.Option("--speed", help="0.25 is slow motion.")] = 1.0,
 ) -> None:
     """Play a clip with its forces: a window, a film or a page."""

@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -50,6 +51,11 @@ def test_help_has_an_example_of_this_very_command(run: Run, command: tuple[str, 
     text = " ".join(got.out.split())
     assert "Example: " + " ".join(("physretarget", *command)) in text
     assert _is_group(command) or ("--quiet" in text and "--debug" in text)
+    # What to write, and what for: no names of Python types, no option without a word.
+    assert not re.search(r"<(list|path|int|float|str)", text)
+    for line, following in pairwise(got.out.split("Example: ")[0].splitlines()):
+        if re.fullmatch(r"  --[a-z-]+( [^ ]+)?", line):
+            assert following.startswith(" " * 10), line
 
 
 @pytest.mark.parametrize("command", [c for c in COMMANDS if c], ids=" ".join)

@@ -10,7 +10,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from physretarget.clip import load_clip
-from physretarget.errors import InputError
+from physretarget.errors import InputError, UsageError
+from physretarget.mjcf import Character
 
 XYZ = np.arange(30.0).reshape(10, 3) / 100
 ROWS = np.concatenate([XYZ, np.tile([1.0, 0, 0, 0], (10, 1)), np.zeros((10, 2))], axis=1)
@@ -89,3 +90,58 @@ def test_a_qpos_array_with_xyzw_inside_is_doubted(tmp_path: Path) -> None:
     path = tmp_path / "a.npy"
     np.save(path, np.concatenate([np.zeros((20, 3)), turning("xyzw"), np.zeros((20, 2))], axis=1))
     assert any("--quat xyzw" in n for n in load_clip(path, fps=30).notes)
+
+
+@pytest.mark.parametrize(
+    ("separator", "comma", "end", "head"),
+    [
+        (",", ".", "\n", ""),
+        (",", ".", "\r\n", ""),
+        (",", ".", ",\n", ""),
+        (";", ".", "\n", ""),
+        (";", ",", "\n", ""),
+        ("\t", ".", "\n", ""),
+        (" ", ".", "\n", "# made by a tool, version 2\n"),
+        (",", ".", "\n", "# made by a tool\n#x,y,z,qw,qx,qy,qz,a,b\n"),
+        (";", ",", ";\r\n", "x;y;z;qw;qx;qy;qz;a;b;\r\n"),
+    ],
+)
+def test_a_csv_of_any_spelling(
+    tmp_path: Path, separator: str, comma: str, end: str, head: str
+) -> None:
+    path = tmp_path / "walk.csv"
+    rows = (separator.join(f"{v:.6f}".replace(".", comma) for v in row) for row in ROWS)
+    path.write_bytes((head + "".join(row + end for row in rows)).encode())
+    clip = load_clip(path, fps=30.0, quat="wxyz")
+    np.testing.assert_allclose(clip.qpos, ROWS)
+    assert clip.joint_names == (("a", "b") if "qw" in head else ())
+
+
+@pytest.mark.parametrize(("unit", "scale"), [("m", 1), ("cm", 100), ("mm", 1000), ("0.5", 2)])
+def test_a_clip_in_another_unit(tmp_path: Path, unit: str, scale: float) -> None:
+    path = tmp_path / "walk.npy"
+    rows = ROWS.copy()
+    rows[:, :3] *= scale
+    rows[:, 7] = 0.25  # an angle, which has no length
+    np.save(path, rows)
+    clip = load_clip(path, fps=30.0, unit=unit)
+    np.testing.assert_allclose(clip.qpos[:, :3], XYZ, atol=1e-12)
+    np.testing.assert_allclose(clip.qpos[:, 7], 0.25)
+    assert any("m to the unit" in note for note in clip.notes)
+
+
+def test_a_slide_is_a_length_too(tmp_path: Path) -> None:
+    text = """<mujoco><worldbody><body><freejoint/><geom size=".1"/><body><joint name="s"
+    type="slide"/><geom size=".1"/><body><joint name="h"/><geom size=".1"/></body></body></body>
+    </worldbody></mujoco>"""
+    path = tmp_path / "walk.npy"
+    np.save(path, np.c_[ROWS[:, :7], np.full((10, 2), 3.0)])
+    clip = load_clip(path, fps=30.0, unit="cm", character=Character.from_xml(text, name="m"))
+    np.testing.assert_allclose(clip.qpos[0, 7:], [0.03, 3.0])
+
+
+@pytest.mark.parametrize("unit", ["ft", "-1", "nan", "0", "1e9", ""])
+def test_an_unknown_unit_is_refused(tmp_path: Path, unit: str) -> None:
+    np.save(tmp_path / "walk.npy", ROWS)
+    with pytest.raises(UsageError, match="m, cm, mm, inch"):
+        load_clip(tmp_path / "walk.npy", fps=30.0, unit=unit)

@@ -148,6 +148,9 @@ def test_text_shows_the_worst_first_and_what_is_missing(report: Report) -> None:
     for word in ("10-14", "12 (0.40 s)", "low-pass 6 Hz", "not taken", "was inferred", verdict):
         assert word in text
     assert "not covered: DYN008, no limits" in text
+    lines = text.splitlines()
+    assert lines[0] == lines[-1]  # seen whether one reads from the top or where it stopped
+    assert verdict in lines[0]
     assert "\x1b" not in text
     assert "\x1b" in render_text(report, color=True)
     assert max(map(len, render_text(report, width=80).splitlines())) <= 80

@@ -341,3 +341,10 @@ def test_codes_and_names_are_unique() -> None:
 def test_the_page_of_rules_is_up_to_date() -> None:
     page = Path(__file__).parents[2] / "docs" / "rules.md"
     assert page.read_text(encoding="utf-8") == rules_page()
+
+
+@pytest.mark.parametrize("scale", [1.0, 57.29578, 1.7, 30.0])
+def test_only_degrees_are_called_degrees(biped, hop, scale) -> None:  # type: ignore[no-untyped-def]
+    turned = posed(hop, **{f"q{i}": lambda q, t: scale * q for i in range(7, 13)})
+    found = {f.code for f in validate(turned, biped).findings}
+    assert ("DAT007" in found) == (scale > 20)
