@@ -14,7 +14,8 @@ _SHARE = 0.05  # of the frames
 
 
 def doubts(motion: ActorMotion) -> tuple[str, ...]:
-    """Sentences about statures of nobody, points that no body fits, knees that bend backward."""
+    """Sentences about statures of nobody, points that no body fits, knees that bend backward, and
+    hips that are nailed to their place."""
     found = []
     height = motion.shape.height
     if not _STATURE[0] <= height <= _STATURE[1]:
@@ -28,6 +29,11 @@ def doubts(motion: ActorMotion) -> tuple[str, ...]:
             f"the fitted actor misses the file's points by {100 * missed:.0f} cm (RMS): they move "
             "as no one body does"
         )
+    if _nailed(motion):
+        found.append(
+            "the hips stay at one point while the legs move: the file seems to hold rotations "
+            "alone, so that feet slide"
+        )
     for side in ("left", "right"):
         bent = knee_flexion(motion, side)[motion.valid]
         backward = bent < _KNEE
@@ -37,6 +43,16 @@ def doubts(motion: ActorMotion) -> tuple[str, ...]:
                 f"in {int(backward.sum())} frames: labels, sides or axes may be wrong"
             )
     return tuple(found)
+
+
+def _nailed(motion: ActorMotion) -> bool:
+    """Whether thighs turn by more than 10 degrees and the pelvis moves by less than 1 cm."""
+    pose = motion.qpos[motion.valid]
+    if len(pose) < 2 or np.ptp(pose[:, :3], axis=0).max() > 0.01:
+        return False
+    at = [3 + 4 * SEGMENT[f"{side}_thigh"] for side in ("left", "right")]
+    turned = [np.abs(pose[:, i : i + 4] @ pose[0, i : i + 4]).min() for i in at]
+    return bool(min(turned) < np.cos(np.radians(10.0) / 2))
 
 
 def knee_flexion(motion: ActorMotion, side: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:

@@ -62,3 +62,20 @@ def test_statures_of_nobody_are_doubted(height: float) -> None:
 def test_points_that_no_body_fits_are_doubted() -> None:
     assert any("by 5 cm" in doubt for doubt in doubts(replace(bending(0), marker_error_rms=0.05)))
     assert doubts(replace(bending(0), marker_error_rms=0.02)) == ()
+
+
+@pytest.mark.parametrize(
+    ("lift", "swing", "doubted"), [(0.0, 30.0, True), (0.05, 30.0, False), (0.0, 2.0, False)]
+)
+def test_hips_at_one_point_over_walking_legs_are_doubted(
+    lift: float, swing: float, doubted: bool
+) -> None:
+    motion = bending(0.0)
+    phase = np.sin(np.linspace(0, 2 * np.pi, len(motion.time)))
+    for side, sign in (("left", 1), ("right", -1)):
+        at = 3 + 4 * SEGMENT[f"{side}_thigh"]
+        half = sign * np.radians(swing) / 2 * phase
+        motion.qpos[:, at] = np.cos(half)
+        motion.qpos[:, at + 2] = np.sin(half)
+    motion.qpos[:, 2] += lift * phase
+    assert any("rotations alone" in doubt for doubt in doubts(motion)) == doubted
