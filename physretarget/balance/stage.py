@@ -12,11 +12,11 @@ from scipy import sparse
 from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filter1d
 
 from physretarget import kinematics
+from physretarget.balance.follow import followed
 from physretarget.balance.hold import Hold, held
-from physretarget.balance.metric import joint_weights, metric
+from physretarget.balance.metric import metric
 from physretarget.balance.settings import BalanceSettings
 from physretarget.errors import InputError
-from physretarget.kinematics import PointTargets
 from physretarget.mjcf import Character
 from physretarget.mjcf.dynamics import derivatives, required_wrench
 from physretarget.ocp.balance import Programme, Support, minimise, unexplained
@@ -265,7 +265,9 @@ def _round(
     wanted = kinematics.integrate(tree, qpos, change)
     some = np.concatenate([np.arange(w.core.start, w.core.stop) for w in windows])
     moved = task.original.copy()
-    moved[some] = _followed(task, wanted[some], some)
+    moved[some] = followed(
+        task.character, task.original, wanted[some], task.hold, some, task.settings
+    )
     at, dof = tree.scalars
     stopped = np.zeros_like(stops)
     lower, upper = task.character.lower[at], task.character.upper[at]
@@ -327,33 +329,6 @@ def _inner(second: sparse.csr_array, part: slice) -> tuple[NDArray[np.int64], sp
     frame = np.repeat(np.arange(len(counts)), counts)
     inner = np.setdiff1d(np.arange(len(counts)), frame[outside])
     return inner, sparse.csr_array(some[inner][:, part])
-
-
-def _followed(task: _Task, wanted: Array, frames: Ints) -> Array:
-    """Poses near ``wanted`` (t, nq), of ``frames``, that stand where the clip stands."""
-    character, hold, settings = task.character, task.hold, task.settings
-    markers = character.markers
-    pose = kinematics.forward(character.tree, wanted)
-    there = kinematics.points(pose, hold.body, hold.local)
-    place = np.where(hold.firm[frames, :, None], hold.place[frames], there)
-    return kinematics.solve(
-        character.tree,
-        wanted,
-        [
-            PointTargets(
-                markers.body,
-                markers.local,
-                kinematics.points(pose, markers.body, markers.local),
-            ),
-            PointTargets(hold.body, hold.local, place, hold.weight[frames]),
-        ],
-        lower=character.lower,
-        upper=character.upper,
-        prior_weight=joint_weights(character, settings),
-        iterations=6,
-        damping=1e-4,
-        tolerance=1e-5,
-    ).qpos
 
 
 def _displaced(character: Character, before: Array, after: Array) -> Array:

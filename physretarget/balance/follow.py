@@ -1,0 +1,101 @@
+"""From the poses that the programme asks for to poses that stand, bend and stay above the floor."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physretarget import kinematics
+from physretarget.balance.hold import Hold
+from physretarget.balance.metric import joint_weights
+from physretarget.balance.settings import BalanceSettings
+from physretarget.contact.clearance import surface_points
+from physretarget.kinematics import PointTargets
+from physretarget.mjcf import Character
+from physretarget.mjcf.surface import Solid, lowest_heights, solids
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+DEEPER = 2e-3
+"""A part of the body may sink this much (m) below the floor, or below where the clip has it."""
+LIFTS = 3
+"""Lifting a part moves its neighbours: so often is looked again."""
+
+
+def followed(
+    character: Character,
+    original: Array,
+    wanted: Array,
+    hold: Hold,
+    frames: Ints,
+    settings: BalanceSettings,
+) -> Array:
+    """Poses near ``wanted`` (t, nq), within limits, that stand where the clip stands.
+
+    ``original`` (T, nq) is the clip, ``frames`` (t,) are those of it that are wanted. Nothing
+    ends deeper in the floor than the clip has it.
+    """
+    targets = _targets(character, wanted, hold, frames)
+    moved = _solved(character, wanted, targets, settings)
+    shapes = solids(character)
+    before = lowest_heights(shapes, kinematics.forward(character.tree, original[frames]))
+    allowed = np.minimum(before, character.floor_height) - DEEPER
+    for _ in range(LIFTS):
+        after = lowest_heights(shapes, kinematics.forward(character.tree, moved))
+        lift = np.maximum(allowed - after, 0.0)
+        low = np.flatnonzero(lift.any(axis=1))
+        if not len(low):
+            break
+        again = _targets(character, wanted[low], hold, frames[low])
+        again.append(_lifted(character, shapes, moved[low], lift[low], settings))
+        moved[low] = _solved(character, moved[low], again, settings)
+    return moved
+
+
+def _targets(character: Character, wanted: Array, hold: Hold, frames: Ints) -> list[PointTargets]:
+    """Markers where ``wanted`` has them; held points where the clip has them, while they stand."""
+    markers = character.markers
+    pose = kinematics.forward(character.tree, wanted)
+    there = kinematics.points(pose, hold.body, hold.local)
+    place = np.where(hold.firm[frames, :, None], hold.place[frames], there)
+    seen = kinematics.points(pose, markers.body, markers.local)
+    return [
+        PointTargets(markers.body, markers.local, seen),
+        PointTargets(hold.body, hold.local, place, hold.weight[frames]),
+    ]
+
+
+def _lifted(
+    character: Character,
+    shapes: tuple[Solid, ...],
+    qpos: Array,
+    lift: Array,
+    settings: BalanceSettings,
+) -> PointTargets:
+    """Surface points of the bodies that are too deep, raised by ``lift`` (t, G) of their geoms."""
+    of = np.array([shape.body for shape in shapes])
+    bodies = np.unique(of[lift.any(axis=0)])
+    body, local = surface_points(character, bodies)
+    rise = np.stack([lift[:, of == one].max(axis=1) for one in bodies], axis=1)
+    rise = rise[:, np.searchsorted(bodies, body)]
+    target = kinematics.points(kinematics.forward(character.tree, qpos), body, local)
+    target[..., 2] += np.where(rise > 0, rise, np.nan)
+    share = settings.stance / np.array([(body == one).sum() for one in body])
+    return PointTargets(body, local, target, share)
+
+
+def _solved(
+    character: Character, start: Array, targets: list[PointTargets], settings: BalanceSettings
+) -> Array:
+    return kinematics.solve(
+        character.tree,
+        start,
+        targets,
+        lower=character.lower,
+        upper=character.upper,
+        prior_weight=joint_weights(character, settings),
+        iterations=6,
+        damping=1e-4,
+        tolerance=1e-5,
+    ).qpos
