@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from physretarget.face.cover import Covered, CoverSettings, Job, cover
+from physretarget.face.cover import Covered, CoverSettings, Job, cover, unit_price
 from physretarget.face.place import Placed, lengths
 from physretarget.face.screen import (
     Method,
@@ -45,13 +45,17 @@ def greedy_cover(
     tried = lengths(frames, fps, settings.longest)
     longest_first = [int(n) for n in tried[::-3] if n >= 6]
     big = np.array([k for k, t in enumerate(bank.phrases) if t.keys >= 4], dtype=np.intp)
+    tightest = np.array([np.diff(bank.phrases[k].table[:, 0]).min() for k in big])
     known = np.array([], dtype=np.intp)
     for n in longest_first:
         if len(big):
-            known = big[bank.available(True, n / fps)[big]]
+            # Keys closer than two frames could not be told apart in the capture.
+            known = big[bank.available(True, n / fps)[big] & (tightest * n >= 2.0)]
         if len(known):
             shapes = bank.phrase_shapes(n, n / fps)[known]
             most = np.array([bank.phrases[k].amplitudes.max() for k in known], dtype=np.float32)
+            keys = np.array([bank.phrases[k].keys for k in known], dtype=np.float32)
+            price = np.float32(settings.key_cost * settings.inner_key) * (keys - 2)
             bounds = (np.zeros_like(most), most * np.float32(screen.amplitude[1]))
             for c in range(channels):
                 _claim(
@@ -63,6 +67,7 @@ def greedy_cover(
                     known,
                     shapes,
                     bounds,
+                    price / unit_price(n, fps, settings),
                     method,
                     settings.fidelity,
                     screen,
@@ -80,6 +85,7 @@ def _claim(
     known: NDArray[np.intp],
     shapes: NDArray[np.float32],
     bounds: tuple[NDArray[np.float32], NDArray[np.float32]],
+    price: NDArray[np.float32],
     method: Method,
     fidelity: float,
     screen: ScreenSettings,
@@ -88,7 +94,7 @@ def _claim(
         # Neighbours may share their end frame, so only inner frames must be free.
         busy = np.concatenate([[0], np.cumsum(claimed)])
         inside = claimed & ~barred
-        ends = inside[: len(inside) - n] | inside[n:]
+        ends = inside[: len(inside) - n] | inside[n:] | _leaves_one_frame(inside, n)
         starts = np.flatnonzero((busy[n:-1] - busy[1:-n] == 0) & ~ends)
         if not len(starts):
             return
@@ -98,7 +104,8 @@ def _claim(
             room = slack_of(capture, screen).windows(n)[:, 0, starts].astype(np.float32)
             limit = np.full(cost.shape, fidelity**2, dtype=np.float32)
             cost = aligned_costs(laid, cost, room, limit, screen)
-        score = np.where(cost <= fidelity**2, cost, np.inf)
+        # Of those that fit, fewer keys are worth some misfit, at the optimal placement's price.
+        score = np.where(cost <= fidelity**2, cost + price, np.inf)
         best = int(np.argmin(score))
         row, column = divmod(best, score.shape[1])
         if not np.isfinite(score[row, column]):
@@ -106,6 +113,15 @@ def _claim(
         first = int(starts[row])
         found.append(Placed(first, first + n, int(known[column]), phrase=True))
         claimed[first + 1 : first + n] = True
+
+
+def _leaves_one_frame(inside: NDArray[np.bool_], n: int) -> NDArray[np.bool_]:
+    """Per start, whether a window of n + 1 frames would leave a gap that no span fits in."""
+    taken = np.pad(inside, 2, constant_values=True)  # as if claimed before and after the take
+    before = taken[:-4] & ~taken[1:-3]
+    after = taken[4:] & ~taken[3:-1]
+    gaps: NDArray[np.bool_] = before[: len(inside) - n] | after[n:]
+    return gaps
 
 
 def _fill(

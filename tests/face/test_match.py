@@ -221,3 +221,4 @@ def test_greedy_pieces_do_not_overlap():
         assert channel.pieces[-1].end == pytest.approx(take.time[-1])
         for left, right in pairwise(channel.pieces):
             assert left.end == pytest.approx(right.start)
+        assert min(p.end - p.start for p in channel.pieces) >= 1.5 / take.fps
