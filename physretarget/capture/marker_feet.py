@@ -21,23 +21,39 @@ def on_floor(
     feet = [CONTACT_POINTS.index(f"{s}_{p}") for s in ("left", "right") for p in ("heel", "toe")]
     at = points(forward(tree, qpos), segment[feet] + 1, local[feet])
     still = _still_heights(at, valid, fps)
+    floor = _floor_height(at, still, valid)
+    tip, heel = _soles(shape, still, _heel_over_toe(at, valid, fps), floor)
+    shape = ActorShape.standing(shape.name, shape.mass, shape.offset, tip, heel)
+    moved = qpos.copy()
+    moved[:, 2] -= floor
+    if abs(floor) > 0.01:
+        notes.append(f"the floor was found at {floor:+.3f} m and moved to z = 0")
+    return shape, moved
+
+
+def _floor_height(at: Floats, still: list[Floats], valid: Bools) -> float:
+    """The floor's height (m): where feet rest, the lowest of such places."""
     everything = np.concatenate(still)
     lowest = float(np.percentile(at[valid][..., 2].min(axis=1), 2))
-    if len(everything) >= 5:
-        low = np.percentile(everything, 5)
-        floor = float(np.median(everything[everything < low + 0.04]))
-        # Feet on the way down to a floor below (stairs) do not rest, but they do get there.
-        floor = min(floor, lowest + 0.03)
-    else:
-        floor = lowest
+    if len(everything) < 5:
+        return lowest
+    low = np.percentile(everything, 5)
+    floor = float(np.median(everything[everything < low + 0.04]))
+    # Feet on the way down to a floor below (stairs) do not rest, but they do get there.
+    return min(floor, lowest + 0.03)
+
+
+def _soles(
+    shape: ActorShape, still: list[Floats], tilts: list[float | None], floor: float
+) -> tuple[Floats, Floats]:
+    """The shape's tips and heels, lowered or raised to meet the floor where they stand on it."""
     tip, heel = shape.tip.copy(), shape.heel.copy()
-    flat = _heel_over_toe(at, valid, fps)
     for i, heights in enumerate(still):
         on = heights[np.abs(heights - floor) < 0.06]
         side, is_toe = divmod(i, 2)
         if len(on) >= 5:
             down = float(np.clip(np.median(on) - floor, -0.05, 0.05))
-        elif (tilt := flat[side]) is not None:  # it stands elsewhere, on stairs: level at least
+        elif (tilt := tilts[side]) is not None:  # it stands elsewhere, on stairs: level at least
             down = float(np.clip(-tilt if is_toe else tilt, 0.0, 0.05))
         else:
             continue
@@ -46,12 +62,7 @@ def on_floor(
             tip[foot, 2] -= down
         else:
             heel[side, 2] -= down
-    shape = ActorShape.standing(shape.name, shape.mass, shape.offset, tip, heel)
-    moved = qpos.copy()
-    moved[:, 2] -= floor
-    if abs(floor) > 0.01:
-        notes.append(f"the floor was found at {floor:+.3f} m and moved to z = 0")
-    return shape, moved
+    return tip, heel
 
 
 def with_feet(model: MarkerModel, expected_x: Floats) -> ActorShape:
