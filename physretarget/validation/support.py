@@ -128,14 +128,21 @@ def _further(
     mine = touch.mask & (touch.body == body)
     number = mine.sum(axis=1)
     found: list[tuple[Ints, Ints, Ints]] = []
-    most = int(reach.max(initial=0))
-    for offset in range(-most, most + 1):
-        source = frames + offset
-        there = (source >= 0) & (source < len(com)) & (abs(offset) <= reach) & (offset != 0)
-        source = np.clip(source, 0, len(com) - 1)
-        # A sole that stands keeps its points, what is round has one or two and rolls.
-        grows = (number[source] > number[frames]) | (number[source] <= 2)
-        rows = np.flatnonzero(there & on[frames] & on[source] & grows)
+    steps = np.arange(1, int(reach.max(initial=0)) + 1)
+    for side in (-1, 1):
+        if len(steps) == 0:
+            break
+        # Of the frames in reach on one side the nearest in which most points touch.
+        others = frames[:, None] + side * steps
+        there = (others >= 0) & (others < len(com)) & (steps <= reach[:, None])
+        others = np.clip(others, 0, len(com) - 1)
+        counts = np.where(there, number[others], 0)
+        best = counts.argmax(axis=1)
+        source, most = others[np.arange(len(frames)), best], counts.max(axis=1)
+        # A sole that stands keeps its points but for a corner, what is round has one or two.
+        grows = (2 * most >= 3 * number[frames]) | (number[frames] <= 2)
+        grows &= most > 0
+        rows = np.flatnonzero(on[frames] & grows & (source != frames))
         if len(rows) == 0:
             continue
         now, then = frames[rows], source[rows]

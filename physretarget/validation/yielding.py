@@ -21,9 +21,9 @@ from physretarget import kinematics
 from physretarget.validation.analysis import Analysis
 from physretarget.validation.contacts import of_body
 from physretarget.validation.geometry import lowest_heights
-from physretarget.validation.rule import runs
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 # Time constants after which a landing is over.
 _OVER = 5.0
@@ -35,32 +35,44 @@ def landing_depth(analysis: Analysis, above: float) -> Floats:
     """(T,) m that the deepest body may have sunk by landing, where it is deeper than ``above``."""
     deep = -analysis["deepest"] > above
     allowed = np.zeros(analysis.frames)
-    if not deep.any():
-        return allowed
     bodies = analysis.ints("deepest_body")
-    for body in np.unique(bodies[deep]):
-        tau = time_constant(analysis, int(body))
-        before = math.ceil(_OVER * tau * analysis.fps) + 1
-        for first, last in runs(deep & (bodies == body)):
-            for start in range(first, last + 1, _BLOCK):
-                stop = min(start + _BLOCK, last + 1)
-                allowed[start:stop] = _fastest(analysis, int(body), start, stop, before)
-                allowed[start:stop] *= tau / math.e
+    taus = {int(body): time_constant(analysis, int(body)) for body in np.unique(bodies[deep])}
+    before = math.ceil(_OVER * max(taus.values(), default=0.0) * analysis.fps) + 1
+    near = deep.copy()
+    for k in range(1, min(before, len(deep) - 1) + 1):
+        near[:-k] |= deep[k:]
+    needed = np.flatnonzero(near)
+    for start in range(0, analysis.frames if deep.any() else 0, _BLOCK):
+        stop = min(start + _BLOCK, analysis.frames)
+        begin = max(0, start - before)
+        rows = needed[(needed >= begin) & (needed < stop)]
+        if len(rows) == 0:
+            continue
+        poses = analysis.poses(begin, stop)[rows - begin]
+        pose = kinematics.forward(analysis.character.tree, poses)
+        for body, tau in taus.items():
+            mine = start + np.flatnonzero((deep & (bodies == body))[start:stop])
+            speed = _fastest(analysis, pose, body, rows - begin, stop - begin)
+            frames = math.ceil(_OVER * tau * analysis.fps) + 2
+            padded = np.r_[np.zeros(frames - 1), speed]
+            window = np.lib.stride_tricks.sliding_window_view(padded, frames)[mine - begin]
+            allowed[mine] = window.max(axis=1, initial=0.0) * tau / math.e
     return allowed
 
 
-def _fastest(analysis: Analysis, body: int, first: int, last: int, before: int) -> Floats:
-    """(last - first,) m/s at which a body has come down within so many frames before each."""
-    begin = max(0, first - before)
-    pose = kinematics.forward(analysis.character.tree, analysis.poses(begin, last))
+def _fastest(
+    analysis: Analysis, pose: kinematics.Pose, body: int, rows: Ints, frames: int
+) -> Floats:
+    """(frames,) m/s at which a body comes down to each frame; 0 where it was not looked at.
+
+    ``pose`` is that of ``rows``.
+    """
     work = analysis.work
     solid = work.solid if len(work.solid) else work.points
-    height = lowest_heights(pose, of_body(solid, body)).min(axis=1)
-    down = np.r_[0.0, np.maximum(-np.diff(height), 0.0)] * analysis.fps
-    padded = np.r_[np.zeros(before), down]
-    window = np.lib.stride_tricks.sliding_window_view(padded, before + 1).max(axis=1)
-    fastest: Floats = window[first - begin :]
-    return fastest
+    height = np.full(frames, np.nan)
+    height[rows] = lowest_heights(pose, of_body(solid, body)).min(axis=1)
+    down: Floats = np.nan_to_num(np.maximum(-np.diff(height, prepend=np.nan), 0.0)) * analysis.fps
+    return down
 
 
 def time_constant(analysis: Analysis, body: int) -> float:

@@ -151,7 +151,7 @@ ALTERED: dict[str, tuple[Callable[[Clip], Clip], tuple[str, str], tuple[str, str
     "upside down": (
         mirrored,
         ("CON001 CON003 DYN001 DYN002 DYN003", "CON002"),
-        ("CON001 CON003 DYN001 DYN003", "DYN002"),
+        ("CON001 CON003 DYN001 DYN003", "CON002 DYN002"),
     ),
     "left hip flipped": (
         flipped(7),
@@ -161,7 +161,7 @@ ALTERED: dict[str, tuple[Callable[[Clip], Clip], tuple[str, str], tuple[str, str
     "left knee flipped": (
         flipped(8),
         ("CON001 CON002 DYN001 DYN003 DYN004 KIN001", "DYN002 DYN005"),
-        ("KIN001", "CON001 CON002 DYN001 DYN002 DYN005"),
+        ("CON002 KIN001", "CON001 DYN001 DYN002 DYN005"),
     ),
     "left ankle flipped": (flipped(9), ("CON001", ""), ("CON001", "")),
 }
