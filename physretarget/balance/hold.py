@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 
+CHUNK = 1024
+"""Frames worked on at once: memory beyond the clip itself does not grow with its length."""
 _LEVEL = 0.005
 """Of a sole's underside, what is this near to its contact points' level (of the height)."""
 _APART = 1e-3
@@ -46,7 +48,7 @@ def held(
     flank_body, flank_local = _flanks(character)
     body = np.concatenate([contacts.body, flank_body])
     local = np.concatenate([contacts.local, flank_local])
-    place = kinematics.points(kinematics.forward(character.tree, qpos), body, local)
+    place = placed(character, qpos, body, local)
     own = np.array([contacts.body == b for b in flank_body], dtype=bool).reshape(-1, len(contacts))
     firm = np.concatenate([active, (active.astype(float) @ own.T) > 1.5], axis=1)
     height = (place[..., 2] - character.floor_height) / character.height
@@ -54,6 +56,15 @@ def held(
     share = np.concatenate([np.ones(len(contacts)), settings.flank / np.maximum(count, 1)])
     weight = share * _firmness(firm, height, step, settings)
     return Hold(body, local, place, weight, firm)
+
+
+def placed(character: Character, qpos: Array, body: Ints, local: Array) -> Array:
+    """(T, K, 3) where points of bodies are in poses (T, nq); some poses at a time."""
+    parts = [
+        kinematics.points(kinematics.forward(character.tree, qpos[at : at + CHUNK]), body, local)
+        for at in range(0, len(qpos), CHUNK)
+    ]
+    return np.concatenate(parts)
 
 
 def _firmness(firm: Flags, height: Array, step: float, settings: BalanceSettings) -> Array:

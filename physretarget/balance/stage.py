@@ -13,7 +13,7 @@ from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filt
 
 from physretarget import kinematics
 from physretarget.balance.follow import followed
-from physretarget.balance.hold import Hold, held
+from physretarget.balance.hold import CHUNK, Hold, held, placed
 from physretarget.balance.metric import metric
 from physretarget.balance.settings import BalanceSettings
 from physretarget.errors import InputError
@@ -30,8 +30,6 @@ FEWEST = 5
 """Frames below which there is nothing to balance."""
 TOUCHED = 1e-6
 """Changes below this (rad or m) in all joints of a frame are none."""
-CHUNK = 1024
-"""Frames judged at once."""
 EDGE, PINNED = 2, 1e2
 """Where the clip goes on as it was, so many frames are so much dearer to move."""
 BETTER = 0.99
@@ -265,9 +263,11 @@ def _round(
     wanted = kinematics.integrate(tree, qpos, change)
     some = np.concatenate([np.arange(w.core.start, w.core.stop) for w in windows])
     moved = task.original.copy()
-    moved[some] = followed(
-        task.character, task.original, wanted[some], task.hold, some, task.settings
-    )
+    for begin in range(0, len(some), CHUNK):
+        now = some[begin : begin + CHUNK]
+        moved[now] = followed(
+            task.character, task.original, wanted[now], task.hold, now, task.settings
+        )
     at, dof = tree.scalars
     stopped = np.zeros_like(stops)
     lower, upper = task.character.lower[at], task.character.upper[at]
@@ -333,13 +333,7 @@ def _inner(second: sparse.csr_array, part: slice) -> tuple[NDArray[np.int64], sp
 
 def _displaced(character: Character, before: Array, after: Array) -> Array:
     """(T,) RMS displacement of the markers, m."""
-    one, other = (
-        kinematics.points(
-            kinematics.forward(character.tree, qpos),
-            character.markers.body,
-            character.markers.local,
-        )
-        for qpos in (before, after)
-    )
+    markers = character.markers
+    one, other = (placed(character, qpos, markers.body, markers.local) for qpos in (before, after))
     distance: Array = np.sqrt(np.mean(np.sum((other - one) ** 2, axis=-1), axis=1))
     return distance
