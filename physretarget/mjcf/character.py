@@ -245,7 +245,10 @@ def _root(model: mujoco.MjModel, notes: list[str]) -> tuple[int, bool]:
     # A prop on a free joint has no joints of its own: the character is the tree that has most.
     root = max(free or moving, key=lambda i: (dofs[i], model.body_subtreemass[i], -i))
     if not free:
-        notes.append(f"no free joint: body {model.body(root).name!r} stands fixed in the world")
+        joints = model.jnt_type[model.jnt_bodyid == root]
+        moves = bool((joints == mujoco.mjtJoint.mjJNT_SLIDE).any())
+        held = "moves on slides that the world holds" if moves else "stands fixed in the world"
+        notes.append(f"no free joint: body {model.body(root).name!r} {held}")
     others = [model.body(i).name or f"body{i}" for i in moving if i != root]
     if others:
         notes.append(f"other moving trees are not counted to the character: {', '.join(others)}")
