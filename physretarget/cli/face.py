@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, cast
@@ -16,6 +17,7 @@ from physretarget.face.curve import Curve, Key
 from physretarget.face.formats import read_shots, read_take, write_shot
 from physretarget.face.library import Library, LibrarySettings
 from physretarget.face.match import PLACEMENTS, MatchSettings, Result, match
+from physretarget.face.measure import extremum_timing, turning_point_timing
 from physretarget.face.reduce import Reducer, reduce_curve
 from physretarget.face.report import take_report, write_report
 from physretarget.face.rig import Rig
@@ -158,6 +160,7 @@ def _write_report(folder: Path, result: Result) -> None:
                 "error": channel.error,
                 "unit": channel.unit,
                 "keys": len(channel.curve.keys),
+                "turning_points": _turning_points(result, name),
                 "piece_of_key": channel.piece_of,
                 "pieces": [asdict(piece) for piece in channel.pieces],
             }
@@ -166,6 +169,23 @@ def _write_report(folder: Path, result: Result) -> None:
     }
     write_file(folder / "report.json", (json.dumps(content, indent=1) + "\n").encode())
     say(f"{folder / 'report.json'}: where every key comes from.")
+
+
+def _turning_points(result: Result, name: str) -> dict[str, float | int | None]:
+    """Those that stand out by a tenth of what the channel moves: frames off, in two measures.
+
+    plateaus: where found, gaps between plateaus. peaks: from each peak frame to the nearest, holds
+    and all.
+    """
+    channel, capture = result.channels[name], result.take.channel(name)
+    output, least = channel.curve.evaluate(result.take.time), 0.1 * channel.unit
+    timing = turning_point_timing(output, capture, least)
+    off = {"plateaus": timing.frames, "peaks": extremum_timing(output, capture, least)}
+    return {
+        "count": timing.count,
+        "missed": timing.missed,
+        **{kind: frames if math.isfinite(frames) else None for kind, frames in off.items()},
+    }
 
 
 @command(

@@ -57,7 +57,7 @@ _CSS = """
 @media (prefers-color-scheme: dark) { :root { --ink: #e8ecf4; --soft: #9aa6bd; --line: #343c4d;
   --bg: #12161f; --panel: #1a202c; --good: #5fd39a; } }
 body { font: 16px/1.5 system-ui, sans-serif; color: var(--ink); background: var(--bg);
-  max-width: 68rem; margin: 2rem auto; padding: 0 1.2rem; }
+  max-width: 74rem; margin: 2rem auto; padding: 0 1.2rem; }
 h1 { font-size: 1.7rem; margin-bottom: .2rem; } h2 { margin-top: 2.4rem; font-size: 1.25rem; }
 p, li { max-width: 46rem; } .soft { color: var(--soft); }
 .tiles { display: flex; flex-wrap: wrap; gap: .8rem; margin: 1.2rem 0; padding: 0; }
@@ -65,7 +65,7 @@ p, li { max-width: 46rem; } .soft { color: var(--soft); }
   padding: .6rem 1rem; min-width: 11rem; } .tiles b { display: block; font-size: 1.35rem; }
 .wide { overflow-x: auto; } table { border-collapse: collapse; font-size: .88rem; margin: .8rem 0;
   font-variant-numeric: tabular-nums; }
-th, td { border-bottom: 1px solid var(--line); padding: .3rem .7rem; text-align: right;
+th, td { border-bottom: 1px solid var(--line); padding: .3rem .5rem; text-align: right;
   white-space: nowrap; } th:first-child, td:first-child, .words td, .words th { text-align: left; }
 .words td { white-space: normal; } th { color: var(--soft); font-weight: 600; }
 tr.own td { font-weight: 600; } svg { max-width: 46rem; width: 100%; height: auto; display: block; }
