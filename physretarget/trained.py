@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from physretarget import mapping
 from physretarget.capture.actor import REFERENCE_ACTOR, ActorShape
 from physretarget.clip import Members, npz_bytes, write_file
+from physretarget.clip.arrays import texts
 from physretarget.errors import InputError
 from physretarget.keyposes import KeyPoseSet, training_pairs
 from physretarget.mjcf import Character, actor_character
@@ -126,14 +127,14 @@ def _header(arrays: Members) -> dict[str, Any]:
         "names": list, "sources": list,
     }  # fmt: skip
     try:
-        header = json.loads(str(arrays["header"].item()))
+        header = json.loads("".join(arrays.strings("header")))
         known = header["format"] == FORMAT and all(
             isinstance(header[key], kind) for key, kind in kinds.items()
         )
-        texts = known and all(isinstance(t, str) for t in header["names"] + header["sources"])
-    except (KeyError, ValueError, TypeError, RecursionError):
-        texts = False
-    if not texts:
+        sound = known and all(isinstance(t, str) for t in header["names"] + header["sources"])
+    except (KeyError, ValueError, TypeError, RecursionError, InputError):
+        sound = False
+    if not sound:
         raise InputError("not a mapper file written by 'physretarget learn'.", path=arrays.path)
     return dict(header)
 
@@ -151,6 +152,10 @@ def _mapper(
         )
     own = {k.removeprefix("mapper_"): v for k, v in arrays.items() if k.startswith("mapper_")}
     for name, array in {**own, "y": y, "z": z, "qpos": qpos}.items():
+        if array.dtype.kind not in "fiub" and texts(array.ravel()) is None:
+            raise InputError(
+                f"the mapper is damaged: array {name!r} holds no numbers.", path=arrays.path
+            )
         if array.dtype.kind in "fc" and not np.isfinite(array).all():
             raise InputError(
                 f"the mapper is damaged: array {name!r} is not finite.", path=arrays.path
