@@ -165,9 +165,9 @@ def _delays(mapper: TrainedMapper, batches: dict[str, Retargeted], delays: list[
         for values in ([a.shape for a in found], [a.drift for a in found]):
             worst = max(values, key=lambda v: float(np.median(v)))
             cells += [_two(np.concatenate(values)), f"{np.median(worst):.1f}"]
-        long = [a.drift for a in found if len(a.drift) >= 360]
-        halves = [np.concatenate([np.array_split(d, 2)[k] for d in long]) for k in (0, 1)]
-        cells.append(" : ".join(f"{np.median(h):.1f}" for h in halves) if long else "")
+        halves = [np.array_split(a.drift, 2) for a in found if len(a.drift) >= 360]
+        medians = [np.median(np.concatenate(half)) for half in zip(*halves, strict=True)]
+        cells.append(" : ".join(f"{median:.1f}" for median in medians))
         print("| " + " | ".join(cells) + " |", flush=True)
 
 

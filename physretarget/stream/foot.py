@@ -141,6 +141,8 @@ class Foot:
 
     def sample(self, time: float, place: Array, rotation: Array, active: Bools) -> Sample:
         """The sole of a body at ``place`` (3,)."""
+        if not (self.used or active.any()):  # neither heading nor tilt matter yet
+            return Sample(time, place, rotation, 0.0, np.zeros(3), active)
         quat = _matrix_quat(rotation @ self.sole.flat.T)
         yaw = 2.0 * math.atan2(quat[3], quat[0])
         if len(self.seen.samples):

@@ -33,6 +33,10 @@ NEAR = 0.002
 """A point is held while it is this near to its place, m."""
 MISSED = 0.005
 """A foot whose points stay farther than this from their places lets go, m."""
+NEARLY = 0.02
+"""A second Gauss-Newton step follows one longer than this, rad or m: what the first leaves is of
+the order of its square.
+"""
 AGAIN = 0.1
 """Stances are formed anew at least so often, s, and whenever a foot lifts or lands."""
 BRISKLY, SLOWLY = 0.15, 0.3
@@ -251,7 +255,7 @@ class Planter:
             mujoco.mj_integratePos(model, start, self.offset, 1.0)
         else:
             self.offset = np.zeros(model.nv)
-        qpos = self.solver.solve(start, np.concatenate(target), near=moved, tolerance=5e-4)
+        qpos = self.solver.solve(start, np.concatenate(target), near=moved, tolerance=NEARLY)
         mujoco.mj_differentiatePos(model, self.offset, 1.0, moved, qpos)
         return qpos
 
