@@ -17,8 +17,10 @@ from physretarget.mjcf.surface import Solid, lowest_heights, solids
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-DEEPER = 2e-3
+DEEPER = 1e-3
 """A part of the body may sink this much (m) below the floor, or below where the clip has it."""
+FIRMER = 100.0
+"""Standing points are held so much more firmly than the programme counts them."""
 LIFTS = 3
 """Lifting a part moves its neighbours: so often is looked again."""
 
@@ -60,9 +62,10 @@ def _targets(character: Character, wanted: Array, hold: Hold, frames: Ints) -> l
     there = kinematics.points(pose, hold.body, hold.local)
     place = np.where(hold.firm[frames, :, None], hold.place[frames], there)
     seen = kinematics.points(pose, markers.body, markers.local)
+    weight = hold.weight[frames] * np.where(hold.firm[frames], FIRMER, 1.0)
     return [
         PointTargets(markers.body, markers.local, seen),
-        PointTargets(hold.body, hold.local, place, hold.weight[frames]),
+        PointTargets(hold.body, hold.local, place, weight),
     ]
 
 
