@@ -129,15 +129,18 @@ class Slack:
         return total
 
 
-def lower_bound(even: Array32, slack: Array32, haste: float, m: int) -> Array32:
+def lower_bound(
+    even: Array32, slack: Array32, haste: float, m: int, *, wide: bool = True
+) -> Array32:
     """What the cheapest path costs at least, given the cost of the even alignment (both per frame).
 
     slack (D, …) broadcasts against even. A path that strays by at most d frames changes the
     distance of the features by at most slack[d - 1] (triangle inequality) and, to stray at all,
-    pays 2 d haste; one that strays further than D frames pays 2 (D + 1) haste.
+    pays 2 d haste; one that strays further than D frames, where paths may (wide), 2 (D + 1) haste.
     """
     far = np.sqrt(even) * np.float32(1.0 - 1e-5)  # rounding must not lift the bound
-    bound = np.minimum(even, np.float32(2.0 * haste * (len(slack) + 1) / m))
+    further = 2.0 * haste * (len(slack) + 1) / m if wide else np.inf
+    bound = np.minimum(even, np.float32(further))
     for d, room in enumerate(slack, 1):
         left = np.maximum(far - room, 0.0)
         np.minimum(bound, left * left + np.float32(2.0 * haste * d / m), out=bound)

@@ -110,7 +110,7 @@ def _bounds(cost: Array32, spans: NDArray[np.intp], less: Array32, model: Model)
         if any(o.amplitudes is not None for o in offered):
             room = room + _ramp(model.capture, n, len(room))
         even = np.where(np.isfinite(even), even, 0.0).astype(np.float32)
-        bound = lower_bound(even, room, model.screen.haste, n + 1)
+        bound = lower_bound(even, room, model.screen.haste, n + 1, wide=model.screen.wide)
         low[:, n:, index] -= (even - bound) * model.unit(n)
     return low
 

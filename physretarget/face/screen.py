@@ -30,9 +30,9 @@ class ScreenSettings:
 
     word, alphabet: SAX. slope, curvature: weights of the hidden Markov model's features; haste: its
     price of one frame off the even pace, in units of squared values. beam: windows whose cheapest
-    chain is dearer than the cheapest of all by more are not aligned, and paths stray by one frame
-    at most; None: bounds decide and paths stray as they like, which surely gives the placement of
-    aligning everything, in several times the time.
+    chain is dearer than the cheapest of all by more are not aligned; None: bounds decide, which
+    surely gives the placement of aligning everything, in several times the time. wide: paths stray
+    from the even pace as far as pays, not by one frame at most; far slower.
     """
 
     amplitude: tuple[float, float] = (0.2, 5.0)
@@ -42,6 +42,7 @@ class ScreenSettings:
     curvature: float = 0.05
     haste: float = 2e-3
     beam: float | None = 12.0
+    wide: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +136,8 @@ def slack_of(capture: Windows, settings: ScreenSettings) -> Slack:
     shape = (-1, capture.frames)
     shares = np.array([settings.slope, settings.curvature], dtype=np.float32)[:, None]
     own = [capture.values, *(shares * capture.slopes)]
-    return Slack.of([a.reshape(shape) for a in own], capture.weight.reshape(shape))
+    reach = 2 if settings.wide else 1
+    return Slack.of([a.reshape(shape) for a in own], capture.weight.reshape(shape), reach)
 
 
 def aligned_costs(
@@ -152,12 +154,12 @@ def aligned_costs(
     if laid.phrases:  # the ramp that is taken off moves on as well
         strays = np.arange(1, len(slack) + 1, dtype=np.float32)[:, None, None]
         room = room + strays * np.abs(laid.rise) / np.float32(m - 1)
-    bound = lower_bound(even, room, settings.haste, m)
+    bound = lower_bound(even, room, settings.haste, m, wide=settings.wide)
     rows, columns = np.nonzero((bound < limit) & (bound < even))
     cost = even.copy()
     if len(rows):
         pairs = Pairs(laid.features, laid.weight, rows, columns)
-        found = aligned(pairs, settings.haste, limit[rows, columns], widen=settings.beam is None)
+        found = aligned(pairs, settings.haste, limit[rows, columns], widen=settings.wide)
         cost[rows, columns] = np.minimum(found, even[rows, columns])
     return cost
 

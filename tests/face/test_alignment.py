@@ -117,10 +117,11 @@ def aligned_in_full(job, bank, cover, screen):
     return cost, even
 
 
+@pytest.mark.parametrize("wide", [False, True])
 @pytest.mark.parametrize("haste", [2e-4, 2e-3])
-def test_bounds_give_the_placement_of_aligning_everything(bank, haste):
+def test_bounds_give_the_placement_of_aligning_everything(bank, haste, wide):
     job, cover = take(), CoverSettings()
-    screen = ScreenSettings(haste=haste, beam=None)
+    screen = ScreenSettings(haste=haste, beam=None, wide=wide)
     wanted, even = aligned_in_full(job, bank, cover, screen)
     found = price(job, 30, bank, "hmm", cover, screen)
     best = cheapest_through(wanted, found.spans).min(axis=(1, 2))
