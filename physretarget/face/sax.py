@@ -91,12 +91,17 @@ def quick_words(rows: NDArray[np.float32], word: int, alphabet: int) -> Words:
 
 def mindist(one: Words, other: Words, samples: int, alphabet: int) -> Array:
     """(A, B) MINDIST of words (A, w) and (B, w) of windows of so many samples."""
+    squared = squared_gaps(one, other, alphabet).astype(np.float64)
+    # Rounding must not lift the bound above what it bounds.
+    total: Array = np.sqrt(squared * (samples / one.shape[-1])) * (1.0 - 1e-6)
+    return total
+
+
+def squared_gaps(one: Words, other: Words, alphabet: int) -> NDArray[np.float32]:
+    """(A, B) sums over symbols of squared cell distances, of words (A, w) and (B, w)."""
     table = (cell_distances(alphabet) ** 2).astype(np.float32)  # single precision halves the time
-    size = one.shape[-1]
     # One row per symbol and place turns the double lookup into one matrix product.
     known = table[other.astype(np.intp)].reshape(len(other), -1)
     chosen = np.eye(alphabet, dtype=np.float32)[one.astype(np.intp)].reshape(len(one), -1)
-    squared = (chosen @ known.T).astype(np.float64)
-    # Rounding must not lift the bound above what it bounds.
-    total: Array = np.sqrt(squared * (samples / size)) * (1.0 - 1e-6)
-    return total
+    product: NDArray[np.float32] = chosen @ known.T
+    return product

@@ -208,10 +208,10 @@ def _sax_part(level: Array32, shapes: Array32, rise: Array32, settings: ScreenSe
     # Windows repeat themselves: distances are needed once per different word.
     code = one.astype(np.int64) @ (settings.alphabet ** np.arange(word, dtype=np.int64))
     _, first, which = np.unique(code, return_index=True, return_inverse=True)
-    distance = sax.mindist(one[first], two, n, settings.alphabet)
-    least = distance.min(axis=1, keepdims=True)
-    barred = np.where(distance > least + 1e-9, np.float32(1e3), np.float32(0.0))
-    per_frame = (least**2 / n).astype(np.float32)
+    gaps = sax.squared_gaps(one[first], two, settings.alphabet)
+    least = gaps.min(axis=1, keepdims=True)
+    barred = np.where(gaps > least * (1 + 1e-6) + 1e-9, np.float32(1e3), np.float32(0.0))
+    per_frame = (least / np.float32(word)).astype(np.float32)
     which = which.ravel()
     part: Array32 = barred[which] + level.var(axis=1)[:, None] * per_frame[which]
     return part
