@@ -237,6 +237,10 @@ def retarget(
     if contacted is not None and physical is not None and settings.until == "balanced":
         watch.start("balance")
         balanced = balance(character, physical.qpos, time, contacted.active)
+        if swinging:  # the limb feels the lean
+            swung = passive.swing(character, balanced.qpos, time)
+            limb = passive.with_limb(character, balanced.qpos, swung.qpos)
+            balanced = replace(balanced, qpos=limb)
         notes += balanced.notes
     watch.stop()
 
