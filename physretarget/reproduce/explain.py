@@ -34,9 +34,10 @@ _WHY = {
     "CON004": "the actor's foot shuffles: contacts begin and end in quick succession",
     "CON005": "a point that is planted for the actor hangs in the air or slides for the character",
     "DYN001": "the horizontal force comes from the actor's momentum and from steps or hops "
-    "between supports; the last stage moves the root up and down only and cannot mend it",
+    "between supports; the last stage leads the pose by 8 % of the height at most, which is "
+    "not enough",
     "DYN002": "a moment about the centre of mass is left: the pose swings a heavy head or trunk "
-    "beyond the small feet; the last stage changes the height of the root, not the moment",
+    "beyond the small feet, farther than the last stage may lead the pose back",
     "DYN003": "the pose drops faster than gravity for an instant, more than the smooth "
     "displacement of the root can take back",
     "DYN004": "travelling at the actor's speed asks for more friction than the feet have",

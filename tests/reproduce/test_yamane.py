@@ -213,7 +213,6 @@ def test_from_captures_to_one_page(data: Path, few_models: Path, tmp_path: Path)
     for name, body in sections:
         assert len(re.sub(r"<[^>]+>|\s+", " ", body).strip()) > 60, name
     assert not re.search(r'(?:src|href)="(?:https?:)?//', page)
-    assert "the actor's knees are bent by" in page or "swings hardest" in page
     shown = json.loads(re.search(r'id="page-data">(.*?)</script>', page, re.DOTALL)[1])  # type: ignore[index]
     assert shown["heroes"]
     assert all(strip["rows"] for strip in shown["strips"])
