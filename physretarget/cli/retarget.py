@@ -29,7 +29,9 @@ KeyposesOption = Annotated[
     typer.Option("--keyposes", help="Key pose file; may be given several times.", metavar="FILE"),
 ]
 DimsOption = Annotated[int, typer.Option("--dims", min=1, help="Latent dimension of sgplvm.")]
-SeedOption = Annotated[int, typer.Option("--seed", min=0)]
+SeedOption = Annotated[
+    int, typer.Option("--seed", min=0, help="Of the mapper's start.", metavar="N")
+]
 
 
 @command(
