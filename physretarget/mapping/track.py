@@ -1,12 +1,14 @@
 """Mapping frames one by one, in real time: Yamane 2010 eq. (5) warm-started from the last frame.
 
 The search is the one of :mod:`physretarget.mapping.search`, with its objective and its guide;
-only the optimiser differs. A few scoring steps (Gauss-Newton with the expected curvature of a
-Gaussian) from a start near the optimum replace L-BFGS from afar.
+only the optimiser differs. A few quasi-Newton steps from a start near the optimum replace L-BFGS
+from afar: they begin with the expected curvature of a Gaussian, learn the rest of it on the way,
+and keep what they learned for the next frame.
 """
 
 from __future__ import annotations
 
+import math
 from typing import Protocol
 
 import numpy as np
@@ -14,13 +16,14 @@ from numpy.typing import NDArray
 
 from physretarget.mapping.gplvm import SharedGPLVM
 from physretarget.mapping.protocol import Mapped, Mapper, checked_frames
+from physretarget.mapping.regression import Posterior
 
 __all__ = ["Tracker", "track"]
 
 Array = NDArray[np.float64]
 
-STEPS = 4
-"""Steps per frame at most."""
+STEPS, FIRST = 4, 20
+"""Steps per frame at most, and in the first one."""
 TRUST = 0.3
 """Share of the predicted gain below which the curvature is taken anew."""
 REST = 3e-5
@@ -50,57 +53,136 @@ class _Asked:
         return self.mapper.predict(y[None])
 
 
+class _Single:
+    """A posterior that is asked for one point at a time, what does not depend on it multiplied
+    out beforehand.
+    """
+
+    def __init__(self, posterior: Posterior) -> None:
+        kernel, inputs = posterior.kernel, posterior.inputs
+        self.kernel, self.inputs, self.inverse = kernel, inputs, posterior.inverse
+        self.weights = posterior.weights
+        self.along = np.ascontiguousarray(kernel.sharpness * inputs)
+        self.base = math.log(kernel.signal) - 0.5 * kernel.sharpness * np.sum(inputs**2, axis=1)
+
+    def bump(self, x: Array) -> Array:
+        """θ1 exp(-θ2/2 |x - x_n|²) of the N inputs (N,) at x (DX,)."""
+        power = self.along @ x
+        power += self.base - 0.5 * self.kernel.sharpness * float(x @ x)
+        bump: Array = np.exp(power, out=power)
+        return bump
+
+    def at(self, x: Array) -> tuple[Array, float]:
+        """Mean (D,) and variance at x (DX,), see :meth:`Posterior.at`."""
+        k = self.bump(x) + self.kernel.offset
+        explained = float(k @ (self.inverse @ k))
+        return k @ self.weights, max(self.kernel.prior_variance - explained, self.kernel.noise)
+
+
 class _LatentTracker:
     """Follows the optimum of the posterior over the latent space from frame to frame."""
 
     def __init__(self, model: SharedGPLVM) -> None:
         self.model = model
-        self.weights = model.actor.weights
-        self.gram = model.actor.scatter  # (N, N): misses without the features
-        self.guide = model.guide.posterior
+        self.actor = _Single(model.actor)
+        self.guide = _Single(model.guide.posterior)
+        self.character = _Single(model.character)
+        count = len(model.latent)
+        # Rows 0 to N: K⁻¹; N to 2N: misses without the features. One product gives both.
+        self.both = np.concatenate([model.actor.inverse, model.actor.scatter])
+        scatter = model.character.scatter
+        moment = scatter * (model.latent @ model.latent.T)
+        self.decoding = np.concatenate([model.character.inverse, moment, scatter])
+        self.count = count
         self.x: Array | None = None
         self.led: Array | None = None
+        self.downhill: Array | None = None
 
     def next(self, y: Array) -> Mapped:
         model = self.model
-        frame = model.space_y.normal(checked_frames(y[None], model.space_y.centre.size))
+        frame = model.space_y.normal(checked_frames(y[None], model.space_y.centre.size)[0])
         led, variance = self._led(frame)
         precision = model.search.guide / max(variance, 1e-12)
-        pulled, energy = self.weights @ frame[0], float(frame[0] @ frame[0])
-        problem = _Frame(self, pulled, energy, led, precision)
+        problem = _Frame(self, frame, led, precision)
         at = problem.at(led)
         if self.x is not None and self.led is not None:
             before = problem.at(self.x + (led - self.led))
             at = before if before.value < at.value else at
-        self.x, self.led = problem.descended(at), led
-        return model.decode(self.x[None], variance)
+        self.x, self.led = self._descended(problem, at), led
+        return self._decoded(self.x, variance)
 
     def _led(self, frame: Array) -> tuple[Array, float]:
+        """Latent point (DX,) that the guide leads to, and its variance per coordinate."""
         guide = self.model.guide
         mean, variance = self.guide.at(guide.space_y.normal(frame))
-        return guide.space_z.natural(mean)[0], float(variance[0]) * guide.space_z.scale**2
+        return guide.space_z.natural(mean), variance * guide.space_z.scale**2
+
+    def _descended(self, frame: _Frame, point: _Point) -> Array:
+        """A few steps downhill; their curvature is that of the frame before while it foretells
+        the gain.
+        """
+        gradient = frame.gradient(point)
+        fresh, downhill = False, self.downhill
+        for _ in range(STEPS if self.x is not None else FIRST):
+            if downhill is None:
+                fresh, downhill = True, _inverse(frame.curvature(point))
+            step = downhill @ gradient
+            new = frame.at(point.x - step)
+            gain = point.value - new.value
+            if 0.0 <= gain < REST * frame.width:
+                point = new
+                break
+            after = frame.gradient(new)
+            if gain < TRUST * 0.5 * float(gradient @ step) and not fresh:
+                downhill = None
+            else:
+                downhill = _learned(downhill, step, gradient - after)
+            if gain > 0.0:
+                point, gradient = new, after
+        self.downhill = downhill
+        return point.x
+
+    def _decoded(self, x: Array, doubt: float) -> Mapped:
+        """As :meth:`SharedGPLVM.decode` does."""
+        model, kernel, count = self.model, self.character.kernel, self.count
+        bump = self.character.bump(x)
+        k = bump + kernel.offset
+        explained = float(k @ (model.character.inverse @ k))
+        spread = self.decoding[count:] @ bump
+        square = float(bump @ spread[:count])
+        square -= 2.0 * float((bump * (model.latent @ x)) @ spread[count:])
+        square += float(x @ x) * float(bump @ spread[count:])
+        square *= kernel.sharpness**2
+        variance = max(kernel.prior_variance - explained, kernel.noise)
+        variance += doubt * max(square, 0.0) / self.character.weights.shape[1]
+        return Mapped(
+            model.space_z.natural(k @ self.character.weights)[None],
+            np.array([variance * model.calibration.factor * model.space_z.scale**2]),
+            x[None],
+            model.calibration.share,
+        )
 
 
 class _Point:
-    """A latent point with everything that its value needs."""
+    """A latent point with everything that its value and gradient need."""
 
-    __slots__ = ("bump", "k", "pulled", "residual", "solved", "value", "variance", "x")
+    __slots__ = ("bump", "pulled", "residual", "solved", "value", "variance", "x")
 
     def __init__(self, frame: _Frame, x: Array) -> None:
-        posterior = frame.tracker.model.actor
-        kernel = posterior.kernel
-        away = x - posterior.inputs
+        tracker = frame.tracker
+        kernel, count = tracker.actor.kernel, tracker.count
         self.x = x
-        self.bump = kernel.bump(np.square(away, out=away).sum(axis=1))
-        self.k = self.bump + kernel.offset
-        self.solved = posterior.inverse @ self.k
-        self.variance = max(kernel.prior_variance - float(self.solved @ self.k), kernel.noise)
-        self.pulled = frame.tracker.gram @ self.k
-        missed = float(self.k @ self.pulled) - 2.0 * float(self.k @ frame.pulled)
+        self.bump = tracker.actor.bump(x)
+        k = self.bump + kernel.offset
+        product = tracker.both @ k
+        self.solved, self.pulled = product[:count], product[count:]
+        self.variance = max(kernel.prior_variance - float(self.solved @ k), kernel.noise)
+        self.pulled -= frame.pulled
+        missed = float(k @ self.pulled) - float(k @ frame.pulled)
         self.residual = max(frame.energy + missed, 0.0)
         from_led = x - frame.led
         self.value = 0.5 * (
-            frame.width * np.log(self.variance)
+            frame.width * math.log(self.variance)
             + self.residual / self.variance
             + frame.precision * float(from_led @ from_led)
         )
@@ -109,53 +191,51 @@ class _Point:
 class _Frame:
     """The negative log-posterior of one frame as a function of the latent point."""
 
-    def __init__(
-        self, tracker: _LatentTracker, pulled: Array, energy: float, led: Array, precision: float
-    ) -> None:
-        self.tracker, self.pulled, self.energy = tracker, pulled, energy
-        self.led, self.precision = led, precision
-        self.width = tracker.model.space_y.centre.size
+    def __init__(self, tracker: _LatentTracker, frame: Array, led: Array, precision: float) -> None:
+        self.tracker, self.led, self.precision = tracker, led, precision
+        self.pulled, self.energy = tracker.actor.weights @ frame, float(frame @ frame)
+        self.width = len(frame)
 
     def at(self, x: Array) -> _Point:
         return _Point(self, x)
 
-    def descended(self, point: _Point) -> Array:
-        """The curvature changes little on the way: it is kept while it predicts the gain."""
-        downhill: Array = np.empty((0, 0))
-        stale, damping = True, 0.0
-        for _ in range(STEPS):
-            slope, gradient = self._slope(point)
-            if stale:
-                downhill = np.asarray(
-                    np.linalg.inv(self._curvature(point, slope, damping)), dtype=np.float64
-                )
-            step = downhill @ gradient
-            new = self.at(point.x - step)
-            gain = point.value - new.value
-            stale = gain < TRUST * 0.5 * float(gradient @ step)
-            if gain < 0.0:
-                damping = max(4.0 * damping, 1.0)
-                continue
-            point, damping = new, 0.0
-            if gain < REST * self.width:
-                break
-        return point.x
-
-    def _slope(self, at: _Point) -> tuple[Array, Array]:
-        """Derivatives of the kernel by x (N, DX), and the gradient (DX,)."""
-        posterior = self.tracker.model.actor
-        slope = (posterior.kernel.sharpness * at.bump)[:, None] * (posterior.inputs - at.x)
+    def gradient(self, at: _Point) -> Array:
+        """By the latent point (DX,)."""
         weight = (self.width - at.residual / at.variance) / at.variance
-        pull = (at.pulled - self.pulled) / at.variance - weight * at.solved
-        return slope, pull @ slope + self.precision * (at.x - self.led)
+        pull = at.pulled / at.variance
+        pull -= weight * at.solved
+        pull *= at.bump
+        gradient: Array = pull @ self.tracker.actor.along
+        gradient -= (self.tracker.actor.kernel.sharpness * float(pull.sum())) * at.x
+        gradient += self.precision * (at.x - self.led)
+        return gradient
 
-    def _curvature(self, at: _Point, slope: Array, damping: float) -> Array:
+    def curvature(self, at: _Point) -> Array:
         """The expected one (DX, DX): Fisher's information and the prior."""
-        by_variance = -2.0 * (at.solved @ slope)
-        curvature = slope.T @ (self.tracker.gram @ slope) / at.variance
-        curvature += 0.5 * self.width / at.variance**2 * np.outer(by_variance, by_variance)
-        diagonal = curvature.ravel()[:: len(at.x) + 1]
-        diagonal += self.precision
-        diagonal *= 1.0 + damping
-        result: Array = curvature
-        return result
+        actor = self.tracker.actor
+        slope = actor.along - actor.kernel.sharpness * at.x
+        slope *= at.bump[:, None]
+        by_variance = at.solved @ slope
+        by_mean = slope.T @ actor.weights
+        curvature: Array = by_mean @ by_mean.T
+        curvature /= at.variance
+        curvature += 2.0 * self.width / at.variance**2 * np.outer(by_variance, by_variance)
+        curvature.ravel()[:: len(at.x) + 1] += self.precision
+        return curvature
+
+
+def _inverse(matrix: Array) -> Array:
+    return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+
+
+def _learned(downhill: Array, step: Array, change: Array) -> Array:
+    """The inverse curvature (DX, DX) after a step that changed the gradient so (BFGS)."""
+    along = float(step @ change)
+    if along <= 1e-12 * float(step @ step):
+        return downhill
+    moved = downhill @ change
+    share = (0.5 + 0.5 * float(change @ moved) / along) * step - moved
+    new = np.outer(share / along, step)
+    new += new.T
+    new += downhill
+    return new

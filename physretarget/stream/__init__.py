@@ -31,6 +31,8 @@ __all__ = ["LONGEST_DELAY", "Posed", "Streamer"]
 Array = NDArray[np.float64]
 
 NOWHERE = np.zeros(2)
+FIRST = 30
+"""Gauss-Newton steps at most from the nearest key pose to the first frame's pose."""
 LONGEST_DELAY = 5.0
 """s; from a few stances on nothing is gained."""
 
@@ -112,8 +114,10 @@ class Streamer:
         y, com, points, yaw = self._seen(actor_qpos)
         mapped = self.tracker.next(y)
         target = mapped.mean[0].reshape(-1, 3)
-        start = self.before if self.before is not None else self.mapper.nearest_pose(y[None])[0]
-        local = self._facing_forward(self.pose.solve(start, target))
+        start, steps = self.before, None
+        if start is None:
+            start, steps = self.mapper.nearest_pose(y[None])[0], FIRST
+        local = self._facing_forward(self.pose.solve(start, target, steps=steps))
         self.before = local
         placed = self._moved(local, yaw, self.placer.next(yaw, com, self.body.com(local)))
         touch = self.toucher.next(points, step)

@@ -185,15 +185,17 @@ class Solver:
         *,
         near: Array | None = None,
         tolerance: float = 1e-3,
+        steps: int | None = None,
     ) -> Array:
         """The pose (nq,) whose points come closest to ``target`` (K, 3), sought from ``qpos`` on.
 
-        ``near`` (nq,) the pose that joints prefer to stay with, if any is held.
+        ``near`` (nq,) the pose that joints prefer to stay with, if any is held; ``steps`` if not
+        the usual number.
         """
         model, data = self.body.model, self.body.data
         qpos = np.array(qpos)
         offset = np.zeros(model.nv)
-        for _ in range(self.steps):
+        for _ in range(steps or self.steps):
             if near is not None and self.prior is not None:
                 mujoco.mj_differentiatePos(model, offset, 1.0, near, qpos)
                 data.qfrc_applied = -self.prior * offset
