@@ -31,6 +31,7 @@ from physretarget.validation.interior import interior_point
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
 
 RHO = 1e-7
 # Strong convexity: the residual is as near to its optimum as the gradient is to zero.
@@ -52,14 +53,76 @@ class ConeFit:
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """B frames of n points: a (B, 3n, 6) = S^-1 A^T, b (B, 6), inv (B, 3n) = 1 / rho."""
+    """B frames and the P points of all of them, which NumPy runs through at once.
 
-    a: Floats
-    b: Floats
+    ``arm`` (3, P), ``inv`` (P,) = 1 / rho and ``frame`` (P,) tell of every point where it is, what
+    force costs there and whose it is; ``b`` (6, B). First come the first points of all frames, then
+    the second points of those that have one, and so on: frames with more points stand before
+    frames with fewer, so that the k-th points belong to the first ``having[k]`` frames.
+    """
+
+    arm: Floats
     inv: Floats
+    frame: Ints
+    b: Floats
+    having: Ints
+    friction: float
 
-    def take(self, rows: NDArray[np.int64] | Bools) -> _Problem:
-        return _Problem(self.a[rows], self.b[rows], self.inv[rows])
+    def take(self, chosen: Bools) -> _Problem:
+        """Some of the frames."""
+        if chosen.all():
+            return self
+        points = np.flatnonzero(chosen[self.frame])
+        number = np.cumsum(chosen, dtype=np.int64)
+        having = number[self.having - 1]
+        return _Problem(
+            self.arm[:, points], self.inv[points], number[self.frame[points]] - 1,
+            self.b[:, chosen], having[having > 0], self.friction,
+        )  # fmt: skip
+
+    def seen(self, y: Floats) -> Floats:
+        """(3, P) z of every point: S^-1 A^T y."""
+        own = self.spread(y)
+        z: Floats = own[:3]
+        z -= _cross(self.arm, own[3:])
+        z[2] /= self.friction
+        return z
+
+    def spread(self, values: Floats) -> Floats:
+        """(..., B) of frames for each of their points: (..., P)."""
+        out = np.empty((*values.shape[:-1], len(self.inv)))
+        first = 0
+        for number in self.having.tolist():
+            out[..., first : first + number] = values[..., :number]
+            first += number
+        return out
+
+    def sum(self, values: Floats) -> Floats:
+        """(..., P) summed over the points of every frame: (..., B)."""
+        first, *others = self.having.tolist()
+        total = values[..., :first].copy()
+        for number in others:
+            total[..., :number] += values[..., first : first + number]
+            first += number
+        return total
+
+    def wrench(self, scaled: Floats) -> Floats:
+        """(6, B) of forces S f (3, P)."""
+        force = scaled / _scale(self.friction)
+        return self.sum(np.concatenate([force, _cross(self.arm, force)]))
+
+
+def _scale(friction: float) -> Floats:
+    return np.array([[1.0], [1.0], [friction]])
+
+
+def _cross(left: Floats, right: Floats) -> Floats:
+    """Cross products of the first axis of (3, P) and (3, ..., P)."""
+    out = np.empty(np.broadcast_shapes(left.shape, right.shape))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        out[i] = left[j] * right[k]
+        out[i] -= left[k] * right[j]
+    return out
 
 
 def fit_forces(
@@ -77,68 +140,58 @@ def fit_forces(
     force and scaled moment. Returns forces in the unit of the wrench. The outcome is a value:
     see ``converged``.
     """
-    frames, points = mask.shape
-    force = np.zeros((frames, points, 3))
-    residual = wrench.copy()
-    converged = np.ones(frames, dtype=bool)
-    weight = np.broadcast_to(np.asarray(rho, dtype=np.float64), (frames, points))
+    converged = np.ones(len(mask), dtype=bool)
+    force, residual = np.zeros((*mask.shape, 3)), wrench.copy()
+    weight = np.broadcast_to(np.asarray(rho, dtype=np.float64), mask.shape)
     counts = mask.sum(axis=1)
+    rows = np.argsort(-counts, kind="stable")[: np.count_nonzero(counts)]
+    begun: Floats | None = None
     iterations = 0
-    stuck: list[NDArray[np.int64]] = []
-    # Frames with about as many points share arrays with little padding.
-    for width in np.unique((counts[counts > 0] + 1) // 2 * 2):
-        rows = np.flatnonzero((counts + 1) // 2 * 2 == width)
-        pick, problem = _gathered(arm, mask, weight, wrench, rows, int(width), friction)
-        y, done, used = _newton(problem, _start(problem), _ITERATIONS)
-        _finish(problem, y, rows, pick, friction, force, residual)
-        converged[rows], iterations = done, max(iterations, used)
-        stuck.append(rows[~done])
-    rest = np.concatenate(stuck) if stuck else np.zeros(0, dtype=np.int64)
-    if len(rest):
-        pick, problem = _gathered(
-            arm, mask, weight, wrench, rest, int(counts[rest].max()), friction
-        )
-        begun = interior_point(problem.a, problem.b, 1 / problem.inv[:, ::3])
-        y, done, used = _newton(problem, begun, _LAST_ITERATIONS)
-        _finish(problem, y, rest, pick, friction, force, residual)
-        converged[rest], iterations = done, iterations + used
+    # Most frames converge at once, the rest from inside the cones.
+    for most in (_ITERATIONS, _LAST_ITERATIONS):
+        if len(rows) == 0:
+            break
+        problem, pick = _gathered(arm, mask, weight, wrench, rows, friction)
+        y, done, used = _newton(problem, _start(problem) if begun is None else begun, most)
+        scaled = _project(problem.seen(y), problem.inv)[0]
+        force[pick] = (scaled / _scale(friction)).T
+        residual[rows] = (problem.b - problem.wrench(scaled)).T
+        converged[rows], iterations = done, iterations + used
+        rows = rows[~done]
+        if begun is None and len(rows):
+            begun = _from_inside(arm, mask, weight, wrench, rows, friction)
     return ConeFit(force, residual, iterations, converged)
 
 
 def _gathered(
-    arm: Floats, mask: Bools, weight: Floats, wrench: Floats, rows: NDArray[np.int64], width: int,
-    friction: float,
-) -> tuple[tuple[NDArray[np.int64], NDArray[np.int64]], _Problem]:  # fmt: skip
-    """Where the points of some frames are, and their problem, padded to ``width`` points.
+    arm: Floats, mask: Bools, weight: Floats, wrench: Floats, rows: Ints, friction: float
+) -> tuple[_Problem, tuple[Ints, Ints]]:
+    """The problem of some frames, most points first, and where its points come from."""
+    counts = mask[rows].sum(axis=1)
+    columns = np.argsort(~mask[rows], axis=1, kind="stable")
+    which, frame = np.nonzero(np.arange(counts.max())[:, None] < counts)
+    pick = (rows[frame], columns[frame, which])
+    problem = _Problem(
+        np.ascontiguousarray(arm[pick].T), 1 / weight[pick], frame,
+        np.ascontiguousarray(wrench[rows].T), np.bincount(which), friction,
+    )  # fmt: skip
+    return problem, pick
 
-    A point that is not there maps every force to nothing.
-    """
-    width = min(width, mask.shape[1])
+
+def _from_inside(
+    arm: Floats, mask: Bools, weight: Floats, wrench: Floats, rows: Ints, friction: float
+) -> Floats:
+    """(6, B) where the interior-point method ends. A point that is not there maps to nothing."""
+    width = int(mask[rows].sum(axis=1).max())
     columns = np.argsort(~mask[rows], axis=1, kind="stable")[:, :width]
     pick = (rows[:, None], columns)
-    there = mask[pick]
-    maps = _maps(arm[pick], friction).reshape(len(rows), width, 3, 6)
-    maps *= there[..., None, None]
-    inv = np.repeat(1 / np.where(there, weight[pick], 1.0), 3, axis=1)
-    return pick, _Problem(maps.reshape(len(rows), -1, 6), wrench[rows], inv)
-
-
-def _finish(
-    problem: _Problem,
-    y: Floats,
-    rows: NDArray[np.int64],
-    pick: tuple[NDArray[np.int64], NDArray[np.int64]],
-    friction: float,
-    force: Floats,
-    residual: Floats,
-) -> None:
-    scaled = _scaled_force(problem, y)
-    force[pick] = scaled / np.array([1.0, 1.0, friction])
-    residual[rows] = problem.b - _wrench_of(problem, scaled)
+    maps = _maps(arm[pick], friction) * mask[pick][..., None, None]
+    cost = np.where(mask[pick], weight[pick], 1.0)
+    return interior_point(maps.reshape(len(rows), -1, 6), wrench[rows], cost).T
 
 
 def _maps(arm: Floats, friction: float) -> Floats:
-    """(T, 3n, 6): S^-1 A_i^T = S^-1 [1, -(arm x)] stacked."""
+    """(T, n, 3, 6): S^-1 A_i^T = S^-1 [1, -(arm x)]."""
     maps = np.zeros((*arm.shape[:2], 3, 6))
     maps[..., 0, 0] = maps[..., 1, 1] = maps[..., 2, 2] = 1
     x, y, z = arm[..., 0], arm[..., 1], arm[..., 2]
@@ -147,117 +200,140 @@ def _maps(arm: Floats, friction: float) -> Floats:
     maps[..., 1, 3], maps[..., 1, 5] = -z, x
     maps[..., 2, 3], maps[..., 2, 4] = y, -x
     maps[..., 2, :] /= friction
-    return maps.reshape(len(arm), -1, 6)
+    return maps
 
 
 def _start(problem: _Problem) -> Floats:
     """A residual as small as it would be with all points sharing the load."""
-    y: Floats = problem.b / (problem.inv.sum(axis=1, keepdims=True) / 3)
+    y: Floats = problem.b / problem.sum(problem.inv)
     return y
 
 
 def _newton(problem: _Problem, y: Floats, most: int) -> tuple[Floats, Bools, int]:
     """Newton steps with Armijo backtracking until the gradient vanishes."""
     y = y.copy()
-    done = np.zeros(len(y), dtype=bool)
-    goal = _TOLERANCE * np.maximum(1.0, np.abs(problem.b).max(axis=1))
-    live = np.arange(len(y))
+    done = np.zeros(y.shape[1], dtype=bool)
+    goal = _TOLERANCE * np.maximum(1.0, np.abs(problem.b).max(axis=0))
+    live = np.arange(len(done))
     used = 0
     while used < most:
         used += 1
-        part = problem.take(live)
-        gradient, step = _step(part, y[live])
-        finished = np.abs(gradient).max(axis=1) < goal[live]
-        done[live[finished]] = True
-        live, part = live[~finished], part.take(~finished)
+        gradient, hessian = _derivatives(problem, y[:, live])
+        going = np.abs(gradient).max(axis=0) >= goal[live]
+        done[live[~going]] = True
+        live, problem = live[going], problem.take(going)
         if len(live) == 0:
             break
-        y[live] = _search(part, y[live], step[~finished], gradient[~finished])
+        gradient = gradient[:, going]
+        step = _solved(hessian[:, :, going], gradient)
+        y[:, live] = _search(problem, y[:, live], step, gradient)
     return y, done, used
 
 
-def _step(problem: _Problem, y: Floats) -> tuple[Floats, Floats]:
-    """Gradient (B, 6) and Newton step (B, 6)."""
-    frames = len(y)
-    z = (problem.a @ y[:, :, None]).reshape(frames, -1, 3)
-    out, jacobian = _project(z)
-    gradient = y - problem.b + _wrench_of(problem, out.reshape(frames, -1) * problem.inv)
-    mapped = (jacobian @ problem.a.reshape(*z.shape, 6)).reshape(problem.a.shape)
-    hessian = np.eye(6) + np.swapaxes(problem.a, 1, 2) @ (mapped * problem.inv[:, :, None])
+def _derivatives(problem: _Problem, y: Floats) -> tuple[Floats, Floats]:
+    """Gradient (6, B) and Hessian (6, 6, B)."""
+    out, jacobian = _project(problem.seen(y), problem.inv)
+    gradient = y - problem.b
+    gradient += problem.wrench(out)
+    jacobian[2] /= problem.friction
+    jacobian[:, 2] /= problem.friction
+    # [1; X] J [1, X^T] with X the cross product by the arm.
+    hessian = np.empty((6, 6, y.shape[1]))
+    hessian[:3, :3] = problem.sum(jacobian)
+    turned = _cross(problem.arm[:, None], jacobian)
+    hessian[3:, :3] = problem.sum(turned)
+    hessian[:3, 3:] = hessian[3:, :3].swapaxes(0, 1)
+    hessian[3:, 3:] = problem.sum(_cross(problem.arm[:, None], turned.swapaxes(0, 1)))
+    hessian[range(6), range(6)] += 1.0
+    return gradient, hessian
+
+
+def _solved(hessian: Floats, gradient: Floats) -> Floats:
+    """Newton step (6, B)."""
+    matrix, right = np.ascontiguousarray(hessian.transpose(2, 0, 1)), -gradient.T[:, :, None]
     try:
-        step = np.linalg.solve(hessian, -gradient[:, :, None])[:, :, 0]
+        step = np.linalg.solve(matrix, right)
     except np.linalg.LinAlgError:
         # Arms of thousands of kilometres drown the unit matrix in rounding.
-        rounding = _ROUNDING * np.trace(hessian, axis1=1, axis2=2)
-        hessian += rounding[:, None, None] * np.eye(6)
-        step = np.linalg.solve(hessian, -gradient[:, :, None])[:, :, 0]
-    return gradient, np.asarray(step, dtype=np.float64)
+        rounding = _ROUNDING * np.trace(matrix, axis1=1, axis2=2)
+        step = np.linalg.solve(matrix + rounding[:, None, None] * np.eye(6), right)
+    return np.ascontiguousarray(step[:, :, 0].T)
 
 
-def _scaled_force(problem: _Problem, y: Floats) -> Floats:
-    z = (problem.a @ y[:, :, None]).reshape(len(y), -1, 3)
-    return _project(z)[0] * problem.inv.reshape(z.shape)
+def _length(z: Floats) -> Floats:
+    """Of the tangential part."""
+    squared = z[0] * z[0]
+    squared += z[1] * z[1]
+    length: Floats = np.sqrt(squared, out=squared)
+    return length
 
 
-def _wrench_of(problem: _Problem, scaled: Floats) -> Floats:
-    flat = scaled.reshape(len(scaled), 1, -1)
-    wrench: Floats = (flat @ problem.a)[:, 0]
-    return wrench
+def _worth(problem: _Problem, z: Floats) -> Floats:
+    """(..., B) what the points (3, ..., P) add to phi: half the squared length of projections."""
+    tangent = _length(z)
+    low, high = np.maximum(z[2] - tangent, 0), np.maximum(z[2] + tangent, 0)
+    low *= low
+    high *= high
+    low += high
+    low *= 0.25 * problem.inv
+    return problem.sum(low)
 
 
-def _phi(problem: _Problem, y: Floats) -> Floats:
-    z = (problem.a @ y[:, :, None]).reshape(len(y), -1, 3)
-    tangent = np.hypot(z[..., 0], z[..., 1])
-    # Half the squared length of the projection, from its two spectral values.
-    squared = np.maximum(z[..., 2] - tangent, 0) ** 2 + np.maximum(z[..., 2] + tangent, 0) ** 2
-    phi: Floats = np.sum((0.5 * y - problem.b) * y, axis=1) + 0.25 * np.sum(
-        squared * problem.inv[:, ::3], axis=1
-    )
-    return phi
-
-
-def _project(z: Floats) -> tuple[Floats, Floats]:
-    """Projection on |t| <= n and an element of its generalised Jacobian (..., 3, 3).
+def _project(z: Floats, inv: Floats) -> tuple[Floats, Floats]:
+    """S f: projection of (3, P) on |t| <= n times ``inv`` (P,), and an element of its generalised
+    Jacobian (3, 3, P).
 
     In spectral form: values n -+ |t| on (-+u, 1) / 2 with u = t / |t|, each cut off at zero.
     """
-    tangent = np.hypot(z[..., 0], z[..., 1])
-    low, high = z[..., 2] - tangent, z[..., 2] + tangent
-    g_low, g_high = np.maximum(low, 0), np.maximum(high, 0)
-    d_low, d_high = (low > 0).astype(np.float64), (high > 0).astype(np.float64)
-    slanted = tangent > 0
-    safe = np.where(slanted, tangent, 1.0)
-    ux, uy = np.where(slanted, z[..., 0] / safe, 1.0), np.where(slanted, z[..., 1] / safe, 0.0)
-    across = np.where(slanted, 0.5 * (g_high - g_low) / safe, d_high)
+    tangent = _length(z)
+    low, high = z[2] - tangent, z[2] + tangent
+    halved = 0.5 * inv
+    d_low, d_high = halved * (low > 0), halved * (high > 0)
+    g_low, g_high = low * d_low, high * d_high
+    mean, half = d_high + d_low, d_high - d_low
+    # Without a tangential part both values are one, and u may be anything.
+    straight = tangent == 0
+    tangent[straight] = 1.0
+    ux, uy = z[0] / tangent, z[1] / tangent
+    across = (g_high - g_low) / tangent
+    across[straight] = mean[straight]
     out = np.empty_like(z)
-    out[..., :2] = across[..., None] * z[..., :2]
-    out[..., 2] = 0.5 * (g_high + g_low)
-    mean, half = 0.5 * (d_high + d_low), 0.5 * (d_high - d_low)
+    out[:2] = across * z[:2]
+    out[2] = g_high + g_low
     along = mean - across
-    jacobian = np.empty((*z.shape, 3))
-    jacobian[..., 0, 0] = across + along * ux * ux
-    jacobian[..., 1, 1] = across + along * uy * uy
-    jacobian[..., 0, 1] = jacobian[..., 1, 0] = along * ux * uy
-    jacobian[..., 0, 2] = jacobian[..., 2, 0] = half * ux
-    jacobian[..., 1, 2] = jacobian[..., 2, 1] = half * uy
-    jacobian[..., 2, 2] = mean
+    jacobian = np.empty((3, *z.shape))
+    along_x = along * ux
+    jacobian[0, 0] = across + along_x * ux
+    jacobian[1, 1] = across + along * uy * uy
+    jacobian[0, 1] = jacobian[1, 0] = along_x * uy
+    jacobian[0, 2] = jacobian[2, 0] = half * ux
+    jacobian[1, 2] = jacobian[2, 1] = half * uy
+    jacobian[2, 2] = mean
     return out, jacobian
 
 
 def _search(problem: _Problem, y: Floats, step: Floats, gradient: Floats) -> Floats:
     """Armijo backtracking, each frame its own step length."""
-    value = _phi(problem, y)
-    slope = np.sum(gradient * step, axis=1)
-    length = np.ones(len(y))
-    rising = np.arange(len(y))
+    slope = np.sum(gradient * step, axis=0)
+    # Along a step phi is a parabola and what the points add, whose z run straight.
+    z, moved = problem.seen(y), problem.seen(step)
+    off = y - problem.b
+    linear, square = np.sum(off * step, axis=0), 0.5 * np.sum(step * step, axis=0)
+    base = _worth(problem, z)
+    # The last steps change phi by less than rounding: allow for that.
+    allowed = 1e-14 * (1 + np.abs(base + np.sum((off - 0.5 * y) * y, axis=0)))
+    length = np.ones(y.shape[1])
+    rising = np.arange(y.shape[1])
     for _ in range(30):
-        part = problem if len(rising) == len(y) else problem.take(rising)
-        phi = _phi(part, y[rising] + length[rising, None] * step[rising])
-        # The last steps change phi by less than rounding: allow for that.
-        allowed = value[rising] + 1e-4 * length[rising] * slope[rising]
-        rising = rising[phi > allowed + 1e-14 * (1 + np.abs(value[rising]))]
-        if len(rising) == 0:
+        tried = length[rising]
+        gain = _worth(problem, z + problem.spread(tried) * moved) - base[rising]
+        gain += tried * (linear[rising] + tried * square[rising])
+        still = gain > 1e-4 * tried * slope[rising] + allowed[rising]
+        if not still.any():
             break
+        points = still[problem.frame]
+        z, moved = z[:, points], moved[:, points]
+        rising, problem = rising[still], problem.take(still)
         length[rising] *= 0.5
-    searched: Floats = y + length[:, None] * step
+    searched: Floats = y + length * step
     return searched
