@@ -23,6 +23,8 @@ LOCKED = 1e12
 """Armature of a degree of freedom that must not move."""
 HELD = 1e-6
 """Armature of all others, as the batch path holds what no marker determines."""
+_UP, _DOWN = [5, 6, 1], [7, 2, 3]
+"""Entries of a matrix a tᵀ, row by row, whose differences are a × t."""
 
 
 class Body:
@@ -33,28 +35,32 @@ class Body:
         self.model = _bare(character.model)
         self.data = mujoco.MjData(self.model)
         self.root = character.root_body
+        # Views into the data: asking it for them takes longer than most of what is done with them.
+        self.qpos: Array = self.data.qpos
+        self.place: Array = self.data.xpos
+        self.turn: Array = self.data.xmat.reshape(-1, 3, 3)
+        self.middle: Array = self.data.subtree_com
 
     def pose(self, qpos: Array) -> None:
         """Put the bodies where ``qpos`` (nq,) has them."""
-        self.data.qpos = qpos
+        self.qpos[:] = qpos
         mujoco.mj_kinematics(self.model, self.data)
 
     def points(self, points: Points) -> Array:
         """World places (K, 3) of points in the present pose."""
-        turn = self.data.xmat[points.body].reshape(-1, 3, 3)
-        result: Array = np.einsum("kij,kj->ki", turn, points.local)
-        result += self.data.xpos[points.body]
+        result: Array = np.einsum("kij,kj->ki", self.turn[points.body], points.local)
+        result += self.place[points.body]
         return result
 
     def frame(self) -> tuple[Array, Array]:
         """Place (3,) and rotation (3, 3) of the root body."""
-        return self.data.xpos[self.root], self.data.xmat[self.root].reshape(3, 3)
+        return self.place[self.root], self.turn[self.root]
 
     def com(self, qpos: Array) -> Array:
         """Centre of mass (3,) of the character in a pose."""
         self.pose(qpos)
         mujoco.mj_comPos(self.model, self.data)
-        return np.array(self.data.subtree_com[self.root])
+        return np.array(self.middle[self.root])
 
 
 def _bare(model: mujoco.MjModel) -> mujoco.MjModel:
@@ -110,10 +116,22 @@ class Solver:
         model.opt.gravity[:] = 0.0
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION
         self.bodies, self.which = np.unique(points.body, return_inverse=True)
+        self.own = [np.flatnonzero(self.which == i) for i in range(len(self.bodies))]
+        # Rows of weights w, and of w a with a from the centre of the body's weights to the point.
         self.sum = np.zeros((len(self.bodies), len(points)))
-        self.sum[self.which, np.arange(len(points))] = 1.0
+        self.lever = np.zeros((len(self.bodies), 3, len(points)))
+        self.below = _below(model.body_parentid)
         self.weight = np.zeros(len(points))
+        self.mass = np.zeros((len(self.bodies), 1))
         self.masses: dict[tuple[int, bytes], tuple[float, Array, Array, Array]] = {}
+        self.pull: Array = self.body.data.xfrc_applied
+        self.centre: Array = self.body.data.xipos
+        self.applied: Array = self.body.data.qfrc_applied
+        self.found: Array = self.body.data.qacc_smooth
+        self.force: Array = self.body.data.qfrc_smooth
+        self.stiff: Array = model.dof_armature
+        model.body_mass[:] = 0.0  # the character's own masses have no say here
+        model.body_inertia[:] = 0.0
         self.weigh(np.ones(len(points)))
         scalars = [
             (joint.qpos, joint.dof)
@@ -132,26 +150,23 @@ class Solver:
 
     def weigh(self, weight: Array) -> None:
         """Weights (K,) from now on; bodies whose weights change get other masses."""
-        model = self.body.model
-        changed = np.unique(self.which[weight != self.weight])
-        self.weight = np.array(weight, dtype=np.float64)
-        if not len(changed):
+        differs = weight != self.weight
+        if not differs.any():
             return
-        if not self.body.data.time:  # the character's own masses have no say here
-            model.body_mass[:] = 0.0
-            model.body_inertia[:] = 0.0
-            self.body.data.time = 1.0
-        for i in changed.tolist():
-            body = self.bodies[i]
+        model = self.body.model
+        self.weight = np.array(weight, dtype=np.float64)
+        for i in sorted(set(self.which[differs].tolist())):
+            body, own = self.bodies[i], self.own[i]
             mass, centre, inertia, quat = self._mass(i)
+            self.mass[i], self.sum[i, own] = mass, self.weight[own]
+            self.lever[i][:, own] = self.weight[own] * (self.points.local[own] - centre).T
             model.body_mass[body], model.body_ipos[body] = mass, centre
             model.body_inertia[body], model.body_iquat[body] = inertia, quat
-        self._sum_masses(model)
+        model.body_subtreemass[:] = self.below @ model.body_mass
 
     def _mass(self, i: int) -> tuple[float, Array, Array, Array]:
         """Mass, centre, principal inertia and axes of the points of one body, as weighed now."""
-        own = self.which == i
-        w, at = self.weight[own], self.points.local[own]
+        w, at = self.weight[self.own[i]], self.points.local[self.own[i]]
         key = (i, w.tobytes())
         if key not in self.masses:
             mass = max(float(w.sum()), 1e-12)
@@ -165,13 +180,6 @@ class Solver:
             mujoco.mju_mat2Quat(quat, np.ascontiguousarray(axes).ravel())
             self.masses[key] = mass, centre, np.maximum(values, 0.0), quat
         return self.masses[key]
-
-    @staticmethod
-    def _sum_masses(model: mujoco.MjModel) -> None:
-        total = np.array(model.body_mass)
-        for body in range(model.nbody - 1, 0, -1):
-            total[model.body_parentid[body]] += total[body]
-        model.body_subtreemass[:] = total
 
     def hold(self, prior: Array) -> None:
         """Weights (nv,) of staying with the pose ``near`` that :meth:`solve` is given."""
@@ -195,42 +203,63 @@ class Solver:
         model, data = self.body.model, self.body.data
         qpos = np.array(qpos)
         offset = np.zeros(model.nv)
+        drawn = self.sum @ target
+        twisted = (self.lever.reshape(-1, len(target)) @ target).reshape(-1, 3, 3)
         for _ in range(steps or self.steps):
             if near is not None and self.prior is not None:
                 mujoco.mj_differentiatePos(model, offset, 1.0, near, qpos)
-                data.qfrc_applied = -self.prior * offset
+                np.multiply(-self.prior, offset, out=self.applied)
             self.body.pose(qpos)
             mujoco.mj_comPos(model, data)
-            place = self.body.points(self.points)
-            pull = self.weight[:, None] * (target - place)
-            arm = place - data.xipos[self.points.body]
-            turn = np.empty_like(pull)
-            turn[:, 0] = arm[:, 1] * pull[:, 2] - arm[:, 2] * pull[:, 1]
-            turn[:, 1] = arm[:, 2] * pull[:, 0] - arm[:, 0] * pull[:, 2]
-            turn[:, 2] = arm[:, 0] * pull[:, 1] - arm[:, 1] * pull[:, 0]
-            data.xfrc_applied[self.bodies, :3] = self.sum @ pull
-            data.xfrc_applied[self.bodies, 3:] = self.sum @ turn
+            self._draw(drawn, twisted)
             step = self._step(qpos)
-            step *= min(1.0, self.longest / max(float(np.abs(step).max()), 1e-9))
+            size = max(float(step.max()), -float(step.min()), 1e-9)
+            if size > self.longest:
+                step *= self.longest / size
             mujoco.mj_integratePos(model, qpos, step, 1.0)
-            qpos[self.at] = np.minimum(np.maximum(qpos[self.at], self.lower), self.upper)
-            if np.abs(step).max() < tolerance:
+            value = qpos[self.at]
+            np.maximum(value, self.lower, out=value)
+            qpos[self.at] = np.minimum(value, self.upper, out=value)
+            if min(size, self.longest) < tolerance:
                 break
         return qpos
+
+    def _draw(self, drawn: Array, twisted: Array) -> None:
+        """Forces and torques of all pulls on the bodies, about the centres of their weights.
+
+        ``drawn`` (n, 3) is Σ w t of each body's targets t, ``twisted`` (n, 3, 3) is Σ w a tᵀ.
+        Of a body at c with rotation R: Σ w (t - c - R a) = Σ w t - m c, since Σ w a = 0, and for
+        the same reason Σ w R a × (t - c - R a) = Σ w R a × t.
+        """
+        pull = np.empty((len(self.bodies), 6))
+        np.subtract(drawn, self.mass * self.centre[self.bodies], out=pull[:, :3])
+        lever = np.einsum("nij,njk->nik", self.body.turn[self.bodies], twisted).reshape(-1, 9)
+        np.subtract(lever[:, _UP], lever[:, _DOWN], out=pull[:, 3:])
+        self.pull[self.bodies] = pull
 
     def _step(self, qpos: Array) -> Array:
         """The Gauss-Newton step (nv,); joints that would leave their limits stay."""
         model, data = self.body.model, self.body.data
-        model.dof_armature[:] = self.armature
+        self.stiff[:] = self.armature
+        value = qpos[self.at]
+        low, high = value <= self.lower, value >= self.upper
         for again in range(2):
             mujoco.mj_makeM(model, data)
             mujoco.mj_factorM(model, data)
             mujoco.mj_fwdAcceleration(model, data)
-            step: Array = data.qacc_smooth
-            force = data.qfrc_smooth[self.dof]
-            value = qpos[self.at]
-            stuck = ((value <= self.lower) & (force < 0)) | ((value >= self.upper) & (force > 0))
-            if again or not stuck.any():
+            if again or not (low | high).any():
                 break
-            model.dof_armature[self.dof[stuck]] = LOCKED
-        return step
+            force = self.force[self.dof]
+            stuck = (low & (force < 0)) | (high & (force > 0))
+            if not stuck.any():
+                break
+            self.stiff[self.dof[stuck]] = LOCKED
+        return self.found
+
+
+def _below(parent: NDArray[np.int32]) -> Array:
+    """(nb, nb) one where a body is at or below another, whose row it is."""
+    below = np.eye(len(parent))
+    for body in range(len(parent) - 1, 0, -1):
+        below[parent[body]] += below[body]
+    return below
