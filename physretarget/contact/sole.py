@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,12 +42,12 @@ class Sole:
     under: Floats
     print: Floats
 
-    @property
+    @cached_property
     def radius(self) -> float:
         """The farthest point's distance from the centre, m."""
         return float(np.linalg.norm(self.foot, axis=1).max())
 
-    @property
+    @cached_property
     def two_sided(self) -> bool:
         """Whether both feet of the actor are tied to this one body."""
         return len(set(self.sides)) > 1

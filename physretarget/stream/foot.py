@@ -26,6 +26,7 @@ __all__ = ["Foot", "Path"]
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+Quat = tuple[float, float, float, float]
 
 START = 0.05
 """How long to look before the first stance is placed, s."""
@@ -128,6 +129,10 @@ class Foot:
         self.arc_residual = 0.0
         self.before: Sample | None = None
         self.whole = np.concatenate([sole.local, sole.under]) - sole.centre
+        self.flat = np.ascontiguousarray(sole.flat.T)
+        self.arms = sole.local - sole.centre
+        self.several = len(sole.local) > 1
+        self.level = floor - float(sole.foot[:, 2].min())
 
     @property
     def used(self) -> bool:
@@ -143,14 +148,14 @@ class Foot:
         """The sole of a body at ``place`` (3,)."""
         if not (self.used or active.any()):  # neither heading nor tilt matter yet
             return Sample(time, place, rotation, 0.0, np.zeros(3), active)
-        quat = _matrix_quat(rotation @ self.sole.flat.T)
+        quat = _matrix_quat(rotation @ self.flat)
         yaw = 2.0 * math.atan2(quat[3], quat[0])
         if len(self.seen.samples):
             last = self.seen.samples[-1].yaw
             yaw = last + math.remainder(yaw - last, 2.0 * math.pi)
-        tilt = _quat_rotvec(_quat_product(_about(-yaw), quat))
+        tilt = np.array(_quat_rotvec(_quat_product(_about(-yaw), quat)))
         centre = place + rotation @ self.sole.centre
-        return Sample(time, centre, rotation, yaw, tilt, active)
+        return Sample(time, centre, rotation, yaw, tilt, active, quat)
 
     def plan(self, going: Going) -> None:
         """Form stances anew from what is known and foreseen."""
@@ -173,7 +178,8 @@ class Foot:
                 rest = place[max(each.first, self.strayed[1] - course.first) : each.last + 1]
                 each = replace(each, place=rest.mean(axis=0) if len(rest) else each.place)
             first, last = each.first + course.first, each.last + course.first
-            self.footings.append(replace(each, first=first, last=last))
+            members, length = each.members, each.length
+            self.footings.append(Footing(first, last, each.place, members, length, each.hop))
 
     def decide(self, frame: int) -> None:
         """Stand or leave at a frame."""
@@ -184,9 +190,13 @@ class Foot:
         if self.stance is not None:
             lasted = sample.time - self.stance.since
             going_on = here or (self._next(frame) if lasted < self.settings.min_piece else None)
-            same = going_on is not None and bool(self._members(going_on) & self.stance.members)
+            if going_on is self.stance.footing:
+                same = True
+            else:
+                same = going_on is not None and bool(self._members(going_on) & self.stance.members)
             if going_on is not None and same and not self._strayed(going_on, sample):
-                self.stance.members |= self._members(going_on)
+                if going_on is not self.stance.footing:
+                    self.stance.members |= self._members(going_on)
                 if here is not None and here is not self.stance.footing:
                     self._bear(here)
             else:
@@ -208,8 +218,9 @@ class Foot:
         assert self.stance is not None
         if sample.time - self.stance.since < self.settings.min_piece:
             return False
-        away = float(np.linalg.norm((here.place - self.stance.place)[:2]))
-        turned = abs(sample.yaw - self.stance.place[2]) if len(self.sole.local) > 1 else 0.0
+        x, y, yaw = self.stance.place.tolist()
+        away = math.hypot(here.place[0] - x, here.place[1] - y)
+        turned = abs(sample.yaw - yaw) if self.several else 0.0
         return turned > self.limit or (self.sole.two_sided and away > STRAYED * self.height)
 
     def leave(self, frame: int, *, out_of_reach: bool = False) -> None:
@@ -236,13 +247,16 @@ class Foot:
         """The footing planned for a frame."""
         for footing in self.footings:
             if footing.first <= frame <= footing.last:
-                return None if self._members(footing) & self.given_up else footing
+                return None if self._is_given_up(footing) else footing
         return None
+
+    def _is_given_up(self, footing: Footing) -> bool:
+        return bool(self.given_up) and bool(self._members(footing) & self.given_up)
 
     def _next(self, frame: int) -> Footing | None:
         """The footing that the flight goes to."""
         for footing in self.footings:
-            if footing.last >= frame and not self._members(footing) & self.given_up:
+            if footing.last >= frame and not self._is_given_up(footing):
                 return footing
         return None
 
@@ -258,8 +272,9 @@ class Foot:
         """When a footing can be reached, s: a hop takes its time, but only a share of a stance."""
         if self.left is None:
             return -math.inf
-        way = float(np.linalg.norm((footing.place - self.left.place)[:2]))
-        way += abs(float(footing.place[2] - self.left.place[2])) * self.sole.radius
+        x, y, yaw = self.left.place.tolist()
+        way = math.hypot(footing.place[0] - x, footing.place[1] - y)
+        way += abs(float(footing.place[2]) - yaw) * self.sole.radius
         need = math.sqrt(2.0 * way * math.tan(self.settings.hop_angle) / self.settings.gravity)
         latest = self._time(footing.first) + self.settings.hop_share * footing.length
         soonest = self.left_at + self.settings.min_flight
@@ -273,8 +288,7 @@ class Foot:
         """Begin a stance: from now on its place is fixed."""
         sample = self.seen[frame]
         turn = _quat_matrix(_about(float(footing.place[2])))
-        level = self.floor - self.sole.foot[:, 2].min()
-        prints = np.append(footing.place[:2], level) + self.sole.foot @ turn.T
+        prints = np.append(footing.place[:2], self.level) + self.sole.foot @ turn.T
         none = np.zeros((0, len(self.sole.local)), dtype=bool)
         self.stance = _Stance(
             footing, self._members(footing), footing.place.copy(), prints, sample.time,
@@ -327,36 +341,41 @@ class Foot:
         aside = sample.yaw - stance.place[2]
         wanted = _turned(sample.tilt, aside) + stance.roll[row]
         if self.sole.two_sided:
-            size = float(np.linalg.norm(wanted))
+            size = math.sqrt(float(wanted @ wanted))
             wanted = wanted * min(1.0, self.settings.max_tilt / max(size, 1e-9))
         tilt = self._settled(sample.time, self._cone(stance.spread[row]).nearest(wanted))
-        if len(self.sole.local) > 1:
-            lean = _quat_product(_about(float(stance.place[2])), _rotvec_quat(tilt))
-            rotation = _quat_matrix(lean) @ self.sole.flat
+        if self.several:
+            there = _quat_product(_about(float(stance.place[2])), _rotvec_quat(tilt))
+            rotation = _quat_matrix(there) @ self.sole.flat
         else:
-            rotation = sample.rotation
-        pivot = int(np.argmax(bearing))
-        centre = stance.prints[pivot] - rotation @ (self.sole.local[pivot] - self.sole.centre)
-        return self._correction(sample, centre, rotation), bearing
+            there, rotation = sample.quat, sample.rotation
+        pivot = int(bearing.argmax())
+        centre = stance.prints[pivot] - rotation @ self.arms[pivot]
+        return self._correction(sample, centre, there), bearing
 
     def _settled(self, time: float, tilt: Array) -> Array:
         """The mean of the last tilts: an average of members of a convex cone is a member."""
         self.tilts.append((time, tilt))
         while self.tilts[0][0] < time - self.settings.settle:
             self.tilts.popleft()
-        share = np.array([(time - t) / self.settings.settle for t, _ in self.tilts])
-        weight = 1.01 + np.cos(np.pi * share)
-        mean: Array = weight @ np.array([each for _, each in self.tilts]) / weight.sum()
-        return mean
+        slow = math.pi / self.settings.settle
+        weights = [1.01 + math.cos(slow * (time - t)) for t, _ in self.tilts]
+        total: Array = np.zeros(3)
+        for weight, (_, each) in zip(weights, self.tilts, strict=True):
+            total += weight * each
+        return total / sum(weights)
 
-    def _correction(self, sample: Sample, centre: Array, rotation: Array) -> Array:
-        there = _matrix_quat(rotation @ self.sole.flat.T)
+    def _correction(self, sample: Sample, centre: Array, there: Quat) -> Array:
+        """From the sample to a centre and a turn ``there`` from where the sole is flat."""
         yaw = math.remainder(2.0 * math.atan2(there[3], there[0]) - sample.yaw, 2.0 * math.pi)
         if self.correction is not None:  # no turn by a whole circle from frame to frame
-            yaw += 2.0 * math.pi * round((self.correction[3] - yaw) / (2.0 * math.pi))
-        turned = _quat_matrix(_about(yaw)) @ sample.rotation
-        rest = _quat_rotvec(_matrix_quat(rotation @ turned.T))
-        return np.concatenate([centre - sample.centre, [yaw], rest])
+            yaw += 2.0 * math.pi * round((float(self.correction[3]) - yaw) / (2.0 * math.pi))
+        w, x, y, z = _quat_product(_about(yaw), sample.quat)
+        correction = np.empty(7)
+        np.subtract(centre, sample.centre, out=correction[:3])
+        correction[3] = yaw
+        correction[4:] = _quat_rotvec(_quat_product(there, (w, -x, -y, -z)))
+        return correction
 
     def path(self, frame: int, throw: tuple[float, float] | None, *, linear: bool) -> Path:
         """Where the sole shall be at a frame.
@@ -380,7 +399,7 @@ class Foot:
         self.correction = correction
         turn = _quat_product(_rotvec_quat(correction[4:]), _about(float(correction[3])))
         rotation = sample.rotation
-        if len(self.sole.local) > 1:
+        if self.several:
             rotation = _quat_matrix(turn) @ sample.rotation
         centre = sample.centre + correction[:3]
         low = float((self.whole @ rotation[2]).min() + centre[2] - self.floor)
@@ -470,58 +489,59 @@ class Foot:
         landing = course.place[row]
         goal = np.zeros(7)
         goal[:2] = target.place[:2] - landing[:2]
-        goal[3] = target.place[2] - landing[2] if len(self.sole.local) > 1 else 0.0
+        goal[3] = target.place[2] - landing[2] if self.several else 0.0
         if target.first < self.seen.end:  # known already
             then = self.seen[target.first]
             height, tilt = float(then.centre[2]), then.tilt
         else:
-            level = self.floor - float(self.sole.foot[:, 2].min())
-            height, tilt = self.touched or (level, np.zeros(3))
-        goal[2] = self.floor - float(self.sole.foot[:, 2].min()) - height
-        if len(self.sole.local) > 1:
+            height, tilt = self.touched or (self.level, np.zeros(3))
+        goal[2] = self.level - height
+        if self.several:
             goal[4:] = -_turned(tilt, float(target.place[2]))
         return goal, float(course.time[row])
 
 
-def _about(yaw: float) -> Array:
-    return np.array([math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)])
+def _about(yaw: float) -> Quat:
+    return (math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw))
 
 
-def _rotvec_quat(vector: Array) -> Array:
-    angle = math.sqrt(float(vector @ vector))
+def _rotvec_quat(vector: Array) -> Quat:
+    x, y, z = vector.tolist()
+    angle = math.sqrt(x * x + y * y + z * z)
     half = math.sin(0.5 * angle) / angle if angle > 1e-12 else 0.5
-    return np.append(math.cos(0.5 * angle), half * vector)
+    return (math.cos(0.5 * angle), half * x, half * y, half * z)
 
 
-def _quat_product(a: Array, b: Array) -> Array:
-    w, x, y, z = a.tolist()
-    p, q, r, s = b.tolist()
-    return np.array(
-        [
-            w * p - x * q - y * r - z * s,
-            w * q + x * p + y * s - z * r,
-            w * r - x * s + y * p + z * q,
-            w * s + x * r - y * q + z * p,
-        ]
+def _quat_product(a: Quat, b: Quat) -> Quat:
+    w, x, y, z = a
+    p, q, r, s = b
+    return (
+        w * p - x * q - y * r - z * s,
+        w * q + x * p + y * s - z * r,
+        w * r - x * s + y * p + z * q,
+        w * s + x * r - y * q + z * p,
     )
 
 
-def _matrix_quat(matrix: Array) -> Array:
+def _matrix_quat(matrix: Array) -> Quat:
     quat = np.empty(4)
-    mujoco.mju_mat2Quat(quat, np.ascontiguousarray(matrix).reshape(9))
-    return quat
+    mujoco.mju_mat2Quat(quat, matrix.reshape(9))
+    w, x, y, z = quat.tolist()
+    return (w, x, y, z)
 
 
-def _quat_matrix(quat: Array) -> Array:
+def _quat_matrix(quat: Quat) -> Array:
     matrix = np.empty(9)
     mujoco.mju_quat2Mat(matrix, quat)
     return matrix.reshape(3, 3)
 
 
-def _quat_rotvec(quat: Array) -> Array:
-    vector = np.empty(3)
-    mujoco.mju_quat2Vel(vector, quat, 1.0)
-    return vector
+def _quat_rotvec(quat: Quat) -> tuple[float, float, float]:
+    w, x, y, z = quat
+    size = math.sqrt(x * x + y * y + z * z)
+    angle = math.remainder(2.0 * math.atan2(size, w), 2.0 * math.pi)
+    share = angle / size if size > 1e-15 else 0.0
+    return (share * x, share * y, share * z)
 
 
 def _turned(vector: Array, angle: float) -> Array:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections import deque
-from dataclasses import astuple, dataclass, field
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,8 +76,8 @@ class Sample:
     """A sole at one instant, before it is planted.
 
     ``centre`` (3,) and ``rotation`` (3, 3) of the body; ``yaw`` continuous heading, ``tilt`` (3,)
-    as in :class:`physretarget.contact.sole.SoleMotion`; ``active`` (n,) points that the actor
-    has planted.
+    as in :class:`physretarget.contact.sole.SoleMotion`, ``quat`` the two in one; ``active`` (n,)
+    points that the actor has planted.
     """
 
     time: float
@@ -86,6 +86,7 @@ class Sample:
     yaw: float
     tilt: Array
     active: Bools
+    quat: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
 
 
 @dataclass(eq=False)
@@ -123,6 +124,7 @@ class _Side:
 
     name: str
     mask: Bools
+    points: list[int]
     pattern: Bools
     standing: bool = False
     since: float | None = None
@@ -147,6 +149,30 @@ class _Steps:
         self.up, self.down, self.up_again = self.up + late, self.down + late, self.up_again + late
 
 
+class _Rows:
+    """Times, contacts and places of the samples that still matter: rows ``first`` to ``end``."""
+
+    def __init__(self, count: int) -> None:
+        self.first = self.end = 0
+        self.time = np.empty(512)
+        self.active = np.empty((512, count), dtype=bool)
+        self.place = np.empty((512, 3))
+
+    def add(self, sample: Sample) -> None:
+        """The latest one; what came before the first is overwritten where room is needed."""
+        if self.end == len(self.time):
+            count = self.end - self.first
+            for name in ("time", "active", "place"):
+                old = getattr(self, name)
+                new = np.empty((max(2 * count, len(old)), *old.shape[1:]), dtype=old.dtype)
+                new[:count] = old[self.first :]
+                setattr(self, name, new)
+            self.first, self.end = 0, count
+        self.time[self.end], self.active[self.end] = sample.time, sample.active
+        self.place[self.end, :2], self.place[self.end, 2] = sample.centre[:2], sample.yaw
+        self.end += 1
+
+
 class Seen:
     """All samples of one sole that still matter, and its course from there."""
 
@@ -154,11 +180,15 @@ class Seen:
         self.sole, self.height, self.habit = sole, height, habit
         self.samples: deque[Sample] = deque()
         self.first = 0
+        self.kept = _Rows(len(sole.sides))
         self.started = math.inf
         self.slide: float | None = None
         sides = dict.fromkeys(sole.sides)
         masks = {side: np.array([s == side for s in sole.sides]) for side in sides}
-        self.sides = [_Side(side, mask, mask.copy()) for side, mask in masks.items()]
+        self.sides = [
+            _Side(side, mask, np.flatnonzero(mask).tolist(), mask.copy())
+            for side, mask in masks.items()
+        ]
 
     def __getitem__(self, frame: int) -> Sample:
         return self.samples[frame - self.first]
@@ -173,9 +203,11 @@ class Seen:
         if not self.samples:
             self.started = sample.time
         self.samples.append(sample)
-        event = False
+        self.kept.add(sample)
+        event, active = False, sample.active.tolist()
         for side in self.sides:
-            event |= self._follow(side, sample, velocity)
+            standing = any(active[k] for k in side.points)
+            event |= self._follow(side, sample, velocity, standing)
         return event
 
     def forget(self, frame: int) -> None:
@@ -183,10 +215,10 @@ class Seen:
         oldest = self[frame].time - MEMORY
         while self.first < frame and self.samples[0].time < oldest:
             self.samples.popleft()
+            self.kept.first += 1
             self.first += 1
 
-    def _follow(self, side: _Side, sample: Sample, velocity: Array) -> bool:
-        standing = bool(sample.active[side.mask].any())
+    def _follow(self, side: _Side, sample: Sample, velocity: Array, standing: bool) -> bool:
         here = sample.centre[:2]
         if standing:
             side.pattern = sample.active & side.mask
@@ -239,7 +271,8 @@ class Seen:
             for one, side in zip(steps, self.sides, strict=True):
                 if side.standing and not all(each.standing for each in self.sides):
                     one.lift(comes + OVERLAP)
-        for side, (up, down, up_again) in zip(self.sides, map(astuple, steps), strict=True):
+        for side, each in zip(self.sides, steps, strict=True):
+            up, down, up_again = each.up, each.down, each.up_again
             now = time <= up
             again = (time >= down) & (time <= up_again)
             active[now] |= side.pattern
@@ -252,11 +285,12 @@ class Seen:
                 way = (down - (latest.time if from_here else side.down_at)) * velocity
                 later = (time[again] - down)[:, None] * slid
                 place[again, :2] = base + way + later
+        past = slice(self.kept.first, self.kept.end)
         return Course(
             self.first,
-            np.concatenate([[s.time for s in self.samples], time]),
-            np.concatenate([[s.active for s in self.samples], active]),
-            np.concatenate([[(*s.centre[:2].tolist(), s.yaw) for s in self.samples], place]),
+            np.concatenate([self.kept.time[past], time]),
+            np.concatenate([self.kept.active[past], active]),
+            np.concatenate([self.kept.place[past], place]),
         )
 
     def _steps(self, side: _Side, now: float, going: Going) -> _Steps:
