@@ -52,6 +52,7 @@ from physretarget.validation.support import (
     prices,
     skate,
     sliding,
+    speeds,
 )
 from physretarget.validation.torque import TorqueLimits, contact_torque, without_stops
 
@@ -240,7 +241,7 @@ def _forces(
     both = poses if poses[1] is not poses[0] else poses[:1]
     stands = standing(chunk.declared, work.points, character.tree.nb)
     velocity = sliding(support, here, both, chunk.keep, chunk.step, work.tolerance, stands)
-    speed = np.linalg.norm(velocity, axis=2)
+    speed = speeds(velocity)
     fit = fit_forces(
         support.arm / height, support.mask, np.hstack([force, moment]), friction=work.friction,
         rho=prices(support, speed, work.tolerance),

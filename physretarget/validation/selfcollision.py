@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from physretarget.mjcf import Character
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 Series = dict[str, NDArray[np.generic]]
 
 
@@ -39,38 +40,45 @@ class SelfCollision:
         model.geom_margin[:] = 0
         solid = (model.geom_contype | model.geom_conaffinity) != 0
         pairs = len(np.unique(model.geom_bodyid[solid])) > 1
-        data = mujoco.MjData(model)
-        allowed: set[tuple[int, int]] = set()
-        for qpos in (character.reference_qpos, model.qpos0):
-            for first, second, _ in _overlaps(model, data, np.asarray(qpos), mine):
-                allowed.add((first, second))
-        return cls(model, mine, frozenset(allowed), bool(pairs))
+        always = np.stack([character.reference_qpos, model.qpos0])
+        _, bodies, _ = _overlaps(model, always, mine)
+        allowed = frozenset((first, second) for first, second in bodies.tolist())
+        return cls(model, mine, allowed, bool(pairs))
 
     def judge(self, qpos: Floats) -> Series:
         """Deepest overlap (T,) m, 0 for none, and the two bodies (T, 2)."""
         if not self.possible:
             return {}
-        frames = len(qpos)
-        depth, pair = np.zeros(frames), np.zeros((frames, 2), dtype=np.int64)
-        data = mujoco.MjData(self.model)
-        for t in range(frames):
-            for first, second, distance in _overlaps(self.model, data, qpos[t], self.mine):
-                if -distance > depth[t] and (first, second) not in self.allowed:
-                    depth[t], pair[t] = -distance, (first, second)
+        depth, pair = np.zeros(len(qpos)), np.zeros((len(qpos), 2), dtype=np.int64)
+        frame, bodies, deep = _overlaps(self.model, qpos, self.mine)
+        known = [first * self.model.nbody + second for first, second in self.allowed]
+        new = ~np.isin(bodies @ [self.model.nbody, 1], known)
+        frame, bodies, deep = frame[new], bodies[new], deep[new]
+        np.maximum.at(depth, frame, deep)
+        deepest = np.flatnonzero(deep == depth[frame])[::-1]  # of several the first stays
+        pair[frame[deepest]] = bodies[deepest]
         return {"self_penetration": depth, "self_pair": pair}
 
 
 def _overlaps(
-    model: mujoco.MjModel, data: mujoco.MjData, qpos: Floats, mine: NDArray[np.bool_]
-) -> list[tuple[int, int, float]]:
-    data.qpos[:] = qpos
-    mujoco.mj_kinematics(model, data)
-    mujoco.mj_collision(model, data)
-    if data.ncon == 0:
-        return []
-    found = []
-    for geoms, distance in zip(data.contact.geom, data.contact.dist, strict=True):
-        first, second = sorted(int(model.geom_bodyid[g]) for g in geoms)
-        if distance < 0 and mine[first] and mine[second]:
-            found.append((first, second, float(distance)))
-    return found
+    model: mujoco.MjModel, qpos: Floats, mine: NDArray[np.bool_]
+) -> tuple[Ints, Ints, Floats]:
+    """Overlaps in poses (T, nq): frame (N,), bodies (N, 2) in ascending order, depth (N,) m."""
+    data = mujoco.MjData(model)
+    pose = data.qpos
+    counts = np.zeros(len(qpos), dtype=np.int64)
+    geoms: list[NDArray[np.int32]] = [np.zeros((0, 2), dtype=np.int32)]
+    apart: list[Floats] = [np.zeros(0)]
+    for t in range(len(qpos)):
+        pose[:] = qpos[t]
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_collision(model, data)
+        counts[t] = data.ncon
+        if counts[t]:
+            found = data.contact
+            geoms.append(found.geom.copy())
+            apart.append(found.dist.copy())
+    bodies = np.sort(model.geom_bodyid[np.concatenate(geoms)].astype(np.int64), axis=1)
+    depth = -np.concatenate(apart)
+    real = (depth > 0) & mine[bodies].all(axis=1)
+    return np.repeat(np.arange(len(qpos)), counts)[real], bodies[real], depth[real]

@@ -125,6 +125,8 @@ def _further(
     what stands has moved only as seen from the CoM, what rolls only on the floor.
     """
     body, on = int(touch.bodies[index]), touch.on[:, index]
+    if not on.any():
+        return []
     mine = touch.mask & (touch.body == body)
     number = mine.sum(axis=1)
     found: list[tuple[Ints, Ints, Ints]] = []
@@ -146,13 +148,35 @@ def _further(
         if len(rows) == 0:
             continue
         now, then = frames[rows], source[rows]
-        way = touch.position[then][:, :, None] - touch.position[now][:, None]
-        seen = way - (com[then] - com[now])[:, None, None]
-        near = np.minimum(np.linalg.norm(way, axis=3), np.linalg.norm(seen, axis=3))
-        near = np.where(mine[now][:, None], near, np.inf).min(axis=2)
-        row, column = np.nonzero(mine[then] & (near > touch.tolerance))
-        found.append((rows[row], then[row], column))
+        columns = np.argsort(~mine[then], axis=1, kind="stable")[:, : int(number[then].max())]
+        there = np.take_along_axis(mine[then], columns, axis=1)
+        apart = _apart(touch, mine, com, now, then, columns)
+        row, place = np.nonzero(there & (apart > touch.tolerance))
+        found.append((rows[row], then[row], columns[row, place]))
     return found
+
+
+def _apart(touch: Touch, mine: Bools, com: Floats, now: Ints, then: Ints, columns: Ints) -> Floats:
+    """(R, m) m from some points (R, m) of the frames ``then`` to the nearest of a body's points in
+    the frames ``now``, in the world or as seen from the CoM, whichever is less."""
+    present = np.argsort(~mine[now], axis=1, kind="stable")[:, : int(mine[now].sum(axis=1).max())]
+    # Components first and frames last, which NumPy runs through fastest.
+    here = np.moveaxis(touch.position[now[:, None], present], 0, -1)
+    there = np.moveaxis(touch.position[then[:, None], columns], 0, -1)
+    here, there = np.ascontiguousarray(here), np.ascontiguousarray(there)
+    fallen = (com[then] - com[now]).T
+    world = np.zeros((len(there), len(here), len(now)))
+    seen = np.zeros_like(world)
+    for axis in range(3):
+        way = there[:, None, axis] - here[None, :, axis]
+        world += way * way
+        way -= fallen[axis]
+        seen += way * way
+    near = np.minimum(world, seen)
+    absent = ~np.take_along_axis(mine[now], present, axis=1).T
+    near[:, absent] = np.inf
+    nearest: Floats = np.sqrt(near.min(axis=1)).T
+    return nearest
 
 
 def sliding(
@@ -174,54 +198,63 @@ def sliding(
     ``stands`` (T, nb) which bodies the clip says to stand: from a frame in which it stands to one
     in which it does not, a body has lifted.
     """
-    rows = np.arange(len(support.body))[:, None]
-    turn = here.rotation[rows, support.body]
-    arm = support.position - here.position[rows, support.body]
-    local = (arm[..., None, :] @ turn)[..., 0, :]
+    row, column = np.nonzero(support.own)
+    body = support.body[row, column]
+    arm = support.position[row, column] - here.position[row, body]
+    local = np.einsum("pij,pi->pj", here.rotation[row, body], arm)
     slowest: Floats | None = None
     for pose in poses:
-        velocity = _one_sided(support, pose, local, keep, step, near, stands)
+        frame = row + np.arange(len(pose.position))[keep.start]
+        velocity = _one_sided(support.floor, pose, frame, body, local, step, near, stands)
         if slowest is not None:
-            faster = np.linalg.norm(velocity, axis=2) > np.linalg.norm(slowest, axis=2)
-            velocity = np.where(faster[..., None], slowest, velocity)
+            faster = speeds(velocity) > speeds(slowest)
+            velocity = np.where(faster[:, None], slowest, velocity)
         slowest = velocity
     assert slowest is not None
-    return slowest
+    sliding = np.zeros((*support.body.shape, 2))
+    sliding[row, column] = slowest
+    return sliding
+
+
+def speeds(velocity: Floats) -> Floats:
+    """Length of vectors (..., 2)."""
+    speed: Floats = np.sqrt(velocity[..., 0] ** 2 + velocity[..., 1] ** 2)
+    return speed
 
 
 def _one_sided(
-    support: Support,
+    floor: float,
     pose: Pose,
+    frame: Ints,
+    body: Ints,
     local: Floats,
-    keep: slice,
     step: float,
     near: float,
     stands: Bools | None,
 ) -> Floats:
-    frames = np.arange(len(pose.position))[keep][:, None]
-    now = _place(pose, frames, support.body, local)
-    touches = support.own & (now[..., 2] - support.floor < near)
-    total, sides = np.zeros((*support.body.shape, 2)), np.zeros(support.body.shape)
+    """(P, 2) velocities of points (P,) at ``local`` (P, 3) of bodies, each in its frame."""
+    now = _place(pose, frame, body, local)
+    touches = now[:, 2] - floor < near
+    total, sides = np.zeros((len(frame), 2)), np.zeros(len(frame))
     span = max(1, round(SLIDE_SPAN_S / step))
     for side in (-1, 1):
-        other = np.clip(frames + side * span, 0, len(pose.position) - 1)
-        then = _place(pose, other, support.body, local)
+        other = np.clip(frame + side * span, 0, len(pose.position) - 1)
+        then = _place(pose, other, body, local)
         moved = then - now
-        along = np.hypot(moved[..., 0], moved[..., 1])
-        level = np.abs(moved[..., 2]) <= _STEEP * along + _UNEVEN_M
-        near_then = then[..., 2] - support.floor < near
-        both = touches & (other != frames) & near_then & level
+        along = np.hypot(moved[:, 0], moved[:, 1])
+        level = np.abs(moved[:, 2]) <= _STEEP * along + _UNEVEN_M
+        both = touches & (other != frame) & (then[:, 2] - floor < near) & level
         if stands is not None:
-            both &= stands[frames, support.body] == stands[other, support.body]
-        total += np.where(both[..., None], side * moved[..., :2], 0.0)
+            both &= stands[frame, body] == stands[other, body]
+        total += np.where(both[:, None], side * moved[:, :2], 0.0)
         sides += both
-    velocity: Floats = total / (np.maximum(sides, 1) * span * step)[..., None]
+    velocity: Floats = total / (np.maximum(sides, 1) * span * step)[:, None]
     return velocity
 
 
-def _place(pose: Pose, frames: Ints, body: Ints, local: Floats) -> Floats:
-    turned = (pose.rotation[frames, body] @ local[..., None])[..., 0]
-    place: Floats = pose.position[frames, body] + turned
+def _place(pose: Pose, frame: Ints, body: Ints, local: Floats) -> Floats:
+    place: Floats = np.einsum("pij,pj->pi", pose.rotation[frame, body], local)
+    place += pose.position[frame, body]
     return place
 
 
@@ -247,7 +280,7 @@ def skate(support: Support, force: Floats, velocity: Floats, friction: float) ->
     only sliding that friction does not brake: a body that skids to a halt with its force on the
     edge of the cone, against the motion, does what physics asks of it.
     """
-    speed = np.linalg.norm(velocity, axis=2)
+    speed = speeds(velocity)
     total = force[..., 2].sum(axis=1)
     loads, slides, frees = (np.zeros((len(force), len(support.bodies))) for _ in range(3))
     for k, candidate in enumerate(support.bodies):
