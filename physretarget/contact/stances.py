@@ -97,6 +97,8 @@ def _turning(
     edges = [edge for first, last, _ in whole.members for edge in (first, last)]
     steps = time[[edge for edge in edges if whole.first < edge < whole.last]]
     at = whole.first + cuts(place[inside, 2], time[inside], limit, steps, settings)
+    if not len(at):
+        return [whole]
     pieces = []
     for first, after in pairwise([whole.first, *at.tolist(), whole.last + 1]):
         members = tuple(

@@ -24,6 +24,7 @@ from physretarget.contact.stances import Footing
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Array = TypeVar("Array", Floats, Bools)
+Height = TypeVar("Height", float, Floats)
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,10 +240,11 @@ def lowest_rise(
     return min(settings.gravity * duration**2 / 8.0, settings.swing_height * height, step)
 
 
-def raised(low: Floats, arc: Floats) -> Floats:
+def raised(low: Height, arc: Height) -> Height:
     """A smooth maximum of the path's height and the arc; equal to both where they are zero."""
     soft = 0.2 * arc
-    return 0.5 * (low + arc + np.sqrt((low - arc) ** 2 + soft * soft))
+    between: Height = np.sqrt((low - arc) ** 2 + soft * soft)
+    return 0.5 * (low + arc + between)
 
 
 _Correction = tuple[Floats, float, Floats]

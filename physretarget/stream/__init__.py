@@ -84,6 +84,7 @@ class Streamer:
         self.body = Body(character)
         self.pose = Solver(character, character.markers, steps=2)
         self.pose.lock(np.arange(character.root_dof, character.root_dof + 2))
+        self.root = character.root_qpos
         self.own_heading = Heading(character.front, character.up)
         self.actor_heading = Heading(mapper.actor.front, mapper.actor.up)
         one = np.ones((1, 3, 3))
@@ -176,7 +177,7 @@ class Streamer:
         return self._moved(qpos, -self.own_heading.next(self.body.frame()[1]), NOWHERE)
 
     def _moved(self, qpos: Array, yaw: float, place: Array) -> Array:
-        at = self.character.root_qpos
+        at = self.root
         moved = np.array(qpos)
         c, s = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
         w, x, y, z = qpos[at + 3 : at + 7].tolist()

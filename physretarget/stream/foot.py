@@ -62,11 +62,10 @@ class Path:
     prints: Array | None
     bearing: Bools
 
-    def points(self, local: Array, middle: Array) -> Array:
-        """World places of points ``local`` (K, 3) of the body whose sole has its centre at
-        ``middle``.
-        """
-        result: Array = self.centre + (local - middle) @ self.rotation.T
+    def points(self, arms: Array) -> Array:
+        """World places of points of the body, ``arms`` (K, 3) from the sole's centre."""
+        result: Array = arms @ self.rotation.T
+        result += self.centre
         return result
 
 
@@ -406,7 +405,7 @@ class Foot:
         self.arc_residual *= math.exp(-step / SEAM)
         arc = max(arc + self.arc_residual, 0.0)
         if self.stance is None:
-            centre[2] += float(raised(np.array(low), np.array(arc))) - low
+            centre[2] += raised(low, arc) - low
         else:
             centre[2] += max(-low, 0.0) + max(arc - max(low, 0.0), 0.0)
         change = CLOSING * step if self.before is not None else math.inf

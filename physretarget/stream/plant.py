@@ -39,6 +39,12 @@ the order of its square.
 """
 AGAIN = 0.1
 """Stances are formed anew at least so often, s, and whenever a foot lifts or lands."""
+_FEET = [
+    (k, name.partition("_")[0])
+    for k, name in enumerate(CONTACT_POINTS)
+    if name.endswith(("_heel", "_toe"))
+]
+"""Places of the actor's feet among its contact points, and the side of each."""
 BRISKLY, SLOWLY = 0.15, 0.3
 """Time constants of the velocities, and of the turning, that are continued, s."""
 
@@ -72,6 +78,7 @@ class Planter:
         own = [f for f in self.feet if f.sole.body == root and len(f.sole.local) > 2]
         self.own = own[0] if own else None
         self.swivels = swivels(character) if own else []
+        self.root = character.root_qpos if character.has_root else 0
         self._solvers()
         self.waiting: list[_Frame] = []
         self.done = 0
@@ -126,6 +133,7 @@ class Planter:
             prior[character.root_dof : character.root_dof + 6] = 0.0
         self.solver.hold(prior)
         self.weight = np.ones(len(points))
+        self.target = np.zeros((len(points), 3))
 
     def see(
         self, time: float, placed: Array, touch: Touch, com: Array, actor_com: Array, yaw: float
@@ -142,8 +150,8 @@ class Planter:
             body = foot.sole.body
             sample = foot.sample(
                 time,
-                np.array(self.body.data.xpos[body]),
-                np.array(self.body.data.xmat[body]).reshape(3, 3),
+                self.body.place[body].copy(),
+                self.body.turn[body].copy(),
                 touch.active[tied],
             )
             event |= foot.seen.add(sample, going.velocity)
@@ -163,6 +171,8 @@ class Planter:
         if row >= len(foot.course.active):
             return True
         latest = foot.seen.samples[-1].active
+        if (latest == foot.course.active[row]).all():
+            return False
         for side in foot.seen.sides:
             if latest[side.mask].any() != foot.course.active[row][side.mask].any():
                 return True
@@ -183,7 +193,7 @@ class Planter:
         self.turning += share * ((yaw - self.latest[4]) / step - self.turning)
         going.velocity = self.rates[:2]
         going.turning = self.turning * (1.0 - math.exp(-age / SLOWLY))
-        self.habit.going(float(np.linalg.norm(self.rates[2:4])))
+        self.habit.going(math.hypot(self.rates[2], self.rates[3]))
         self.latest, self.seen_at = now, time
         return going
 
@@ -225,28 +235,24 @@ class Planter:
         markers = character.markers
         if len(self.waiting):  # otherwise it is the frame that was just seen
             self.body.pose(placed)
-        near = np.array([1.0 / (1.0 + (p.away / 0.2) ** 2) for p in paths.values()]) + 1e-6
-        near /= near.sum()
-        shift = near @ np.array([p.shift for p in paths.values()])
+        near = [1.0 / (1.0 + (p.away / 0.2) ** 2) + 1e-6 for p in paths.values()]
+        shift = np.zeros(3)
+        for share, path in zip(near, paths.values(), strict=True):
+            shift += (share / sum(near)) * path.shift
         moved = np.array(placed)
-        moved[character.root_qpos : character.root_qpos + 3] += shift
-        target = [self.body.points(markers) + shift]
+        moved[self.root : self.root + 3] += shift
         at = len(markers)
+        self.target[:at] = self.body.points(markers) + shift
         for foot in self.feet:
-            sole, path = foot.sole, paths.get(foot.sole.body)
-            if path is None:  # the weight of its points is nought
-                count = len(sole.local) + len(sole.under)
-                target.append(np.zeros((count, 3)))
-                self.weight[at : at + count] = 0.0
-                at += count
-                continue
-            target.append(path.points(sole.local, sole.centre))
-            target.append(path.points(sole.under, sole.centre))
-            weight = self._weight(path.away)
-            self.weight[at : at + len(sole.local)] = weight
-            at += len(sole.local)
-            count = len(sole.under)
-            self.weight[at : at + count] = self.settings.flank_weight / max(count, 1) * weight
+            path_, count, under = paths.get(foot.sole.body), len(foot.whole), len(foot.sole.under)
+            weight = 0.0
+            if path_ is not None:
+                self.target[at : at + count] = path_.points(foot.whole)
+                weight = self._weight(path_.away)
+            self.weight[at : at + count] = weight
+            if under:
+                flank = self.settings.flank_weight / under * weight
+                self.weight[at + count - under : at + count] = flank
             at += count
         self.solver.weigh(self.weight)
         start = np.array(moved)
@@ -255,7 +261,7 @@ class Planter:
             mujoco.mj_integratePos(model, start, self.offset, 1.0)
         else:
             self.offset = np.zeros(model.nv)
-        qpos = self.solver.solve(start, np.concatenate(target), near=moved, tolerance=NEARLY)
+        qpos = self.solver.solve(start, self.target, near=moved, tolerance=NEARLY)
         mujoco.mj_differentiatePos(model, self.offset, 1.0, moved, qpos)
         return qpos
 
@@ -270,7 +276,7 @@ class Planter:
         """The whole pose carried along with the root on its path, facing where it faced."""
         character, foot = self.character, self.own
         assert foot is not None
-        moved, at = np.array(placed), character.root_qpos
+        moved, at = np.array(placed), self.root
         moved[at : at + 3] = path.centre - path.rotation @ foot.sole.centre
         quat = np.zeros(4)
         mujoco.mju_mat2Quat(quat, np.ascontiguousarray(path.rotation).ravel())
@@ -308,11 +314,11 @@ class Planter:
             path = paths.get(foot.sole.body)
             if path is None or path.prints is None:
                 continue
-            away = np.linalg.norm(self.reached[foot.sole.points] - path.prints, axis=1)
-            self.held[foot.sole.points] = away < NEAR
-            wanted = path.points(foot.sole.local, foot.sole.centre)
-            miss = np.linalg.norm(self.reached[foot.sole.points] - wanted, axis=1)
-            if (miss > MISSED).any():
+            reached = self.reached[foot.sole.points]
+            away = reached - path.prints
+            self.held[foot.sole.points] = np.einsum("nc,nc->n", away, away) < NEAR**2
+            away = reached - path.points(foot.arms)
+            if np.einsum("nc,nc->n", away, away).max() > MISSED**2:
                 missed.append(foot)
         if not missed or self.own is not None:
             return
@@ -326,8 +332,8 @@ class Planter:
 def _falling(touch: Touch) -> dict[str, float]:
     """When each foot touches down, if it falls."""
     found: dict[str, float] = {}
-    for name, seconds in zip(CONTACT_POINTS, touch.landing.tolist(), strict=True):
-        side, _, rest = name.partition("_")
-        if rest in ("heel", "toe") and 0.0 < seconds < math.inf:
-            found[side] = min(seconds, found.get(side, math.inf))
+    landing = touch.landing.tolist()
+    for k, side in _FEET:
+        if 0.0 < landing[k] < math.inf:
+            found[side] = min(landing[k], found.get(side, math.inf))
     return found

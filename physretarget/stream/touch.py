@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,7 +62,7 @@ class Toucher:
         """Points at ``place`` (10, 3), ``step`` s after the last ones."""
         told = self.settings
         if self.before is not None and step > 0:
-            share = 1.0 - np.exp(-step * 2.0 * np.pi * told.lowpass_hz)
+            share = 1.0 - math.exp(-step * 2.0 * math.pi * told.lowpass_hz)
             self.velocity += share * ((place - self.before) / step - self.velocity)
         self.before = np.array(place)
         speed = np.sqrt(np.einsum("nc,nc->n", self.velocity, self.velocity)) / self.scale**0.5
@@ -71,20 +72,21 @@ class Toucher:
         hold = (height < told.height_off) & (speed < told.speed_off)
         hold |= low & (speed < told.speed_slide)
         self.active = (low & (speed < told.speed_on)) | (self.active & hold)
-        falling = -self.velocity[:, 2] / self.scale
-        with np.errstate(divide="ignore", invalid="ignore"):
-            landing = np.where(falling > 0.05, np.maximum(height, 1e-3) / falling, np.inf)
-        landing[landing > HORIZON] = np.inf
+        falling = self.velocity[:, 2] / -self.scale
+        landing: Array = np.maximum(height, 1e-3) / np.maximum(falling, 1e-9)
+        landing[(falling <= 0.05) | (landing > HORIZON)] = np.inf
         landing[self.active] = 0.0
         clearance = float(height[self.feet].min()) * self.scale
         return Touch(self.active.copy(), landing, max(clearance, 0.0))
 
     def _rest(self, height: Array, speed: Array, step: float) -> None:
         feet = height[self.feet]
-        slow = np.flatnonzero(speed[self.feet] < self.settings.speed_off)
-        where = ((feet[slow] - LOWEST) / BIN).astype(np.int64)
-        inside = (where >= 0) & (where < self.counts.shape[1])
-        self.counts[slow[inside], where[inside]] += 1.0
+        for k, (high, fast) in enumerate(
+            zip(feet.tolist(), speed[self.feet].tolist(), strict=True)
+        ):
+            where = int((high - LOWEST) / BIN)
+            if fast < self.settings.speed_off and 0 <= where < self.counts.shape[1]:
+                self.counts[k, where] += 1.0
         self.age += step
         if 0.0 < self.age < AGAIN:  # the deciles move slowly, and take time to find
             return
