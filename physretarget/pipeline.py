@@ -36,7 +36,7 @@ Stage = Literal["mapped", "placed", "contacted", "physical", "balanced"]
 Tail = Literal["mapped", "passive"]
 TAILS: tuple[Tail, ...] = get_args(Tail)
 SWINGS = 2
-"""Rounds of swing, place and contact: the swinging limb moves the body that swings it."""
+"""Rounds of place, contact and swing: the swinging limb moves the body that swings it."""
 FEWEST = 8
 """Frames of a clip."""
 STAGES: tuple[Stage, ...] = get_args(Stage)
@@ -148,6 +148,29 @@ def _silent(_: str) -> None:
     return None
 
 
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """What every stage after the mapping needs."""
+
+    character: Character
+    actor: Character
+    motion: ActorMotion
+    mapped: Mapped
+    settings: RetargetSettings
+    watch: _Stopwatch
+
+    def reaches(self, stage: Stage) -> bool:
+        return STAGES.index(self.settings.until) >= STAGES.index(stage)
+
+    @property
+    def swinging(self) -> bool:
+        return self.settings.tail == "passive"
+
+    def swing(self, qpos: Array) -> passive.Swung:
+        self.watch.start("swing")
+        return passive.swing(self.character, qpos, self.motion.time)
+
+
 def retarget(
     motion: ActorMotion,
     mapper: TrainedMapper,
@@ -168,6 +191,7 @@ def retarget(
     Raises:
         InputError: no run of valid frames is long enough to differentiate, at the capture's frame
             rate or at the clip's.
+        SolverError: a programme of the last two stages fails.
     """
     settings = settings or RetargetSettings()
     watch = _Stopwatch(progress)
@@ -188,60 +212,17 @@ def retarget(
     watch.start("pose")
     pose = ik.solve(character, mapped.mean, start=mapper.nearest_pose(y))
 
-    placed = contacted = physical = balanced = None
-    time = motion.time
-    swinging = settings.tail == "passive"
-    pose_error = np.zeros_like(mapped.mean)
-    if settings.until != "mapped" and settings.until != "placed":
-        phases = phases.at(time) if phases is not None else contact.detect_phases(motion)
-    for again in range(SWINGS + 1 if swinging else 1):
-        if again and contacted is not None:
-            watch.start("swing")
-            swung = passive.swing(character, contacted.qpos, time)
-            contacted = replace(contacted, qpos=swung.qpos)
-            pose = replace(pose, qpos=passive.with_limb(character, pose.qpos, swung.qpos))
-            if again == SWINGS:
-                notes += swung.notes
-                break
-        if STAGES.index(settings.until) >= STAGES.index("placed"):
-            watch.start("place")
-            placed = momentum.place(
-                character, pose.qpos, actor, motion.qpos, time, heading=settings.heading
-            )
-        if placed is not None and phases is not None and settings.until != "placed":
-            watch.start("contact")
-            contacted = contact.adjust(character, placed.qpos, time, phases)
-    if contacted is not None:
-        notes += contacted.notes
-        pose_error = features(character, contacted.qpos) - mapped.mean
-        if swinging:  # nobody has posed it, so there is no pose to keep to
-            pose_error[:, passive.passive_features(character)] = 0.0
-    if contacted is not None and STAGES.index(settings.until) >= STAGES.index("physical"):
-        for again in range(2 if swinging else 1):
-            if again and physical is not None:  # the limb has felt the root's new height
-                watch.start("swing")
-                swung = passive.swing(character, physical.qpos, time)
-                limb = passive.with_limb(character, contacted.qpos, swung.qpos)
-                contacted = replace(contacted, qpos=limb)
-            watch.start("physics")
-            physical = ocp.optimise(
-                character,
-                contacted.qpos,
-                time,
-                contacted.active,
-                pose_error=pose_error,
-                pose_variance=mapped.variance,
-                settings=ocp.RootHeightSettings.preset(settings.physics),
-            )
-        notes += physical.notes if physical is not None else ()
-    if contacted is not None and physical is not None and settings.until == "balanced":
-        watch.start("balance")
-        balanced = balance(character, physical.qpos, time, contacted.active)
-        if swinging:  # the limb feels the lean
-            swung = passive.swing(character, balanced.qpos, time)
-            limb = passive.with_limb(character, balanced.qpos, swung.qpos)
-            balanced = replace(balanced, qpos=limb)
-        notes += balanced.notes
+    run = _Run(character, actor, motion, mapped, settings, watch)
+    if phases is not None:
+        phases = phases.at(motion.time)
+    elif run.reaches("contacted"):
+        phases = contact.detect_phases(motion)
+    pose, placed, contacted, told = _on_the_floor(run, pose, phases)
+    contacted, physical = _physical(run, contacted)
+    balanced = _balanced(run, contacted, physical)
+    for stage in (contacted, physical, balanced):
+        told += () if stage is None else stage.notes
+    notes += told
     watch.stop()
 
     final = balanced or physical or contacted or placed or pose
@@ -261,7 +242,7 @@ def retarget(
         balanced=balanced,
         clip=Clip(
             qpos=final.qpos,
-            time=time,
+            time=motion.time,
             joint_names=character.joint_names,
             model_name=character.name,
             model_sha256=character.sha256,
@@ -272,6 +253,85 @@ def retarget(
         seconds=watch.seconds,
         notes=motion.notes + notes,
     )
+
+
+def _on_the_floor(
+    run: _Run, pose: ik.IkResult, phases: contact.Phases | None
+) -> tuple[ik.IkResult, momentum.Placed | None, contact.Contacted | None, tuple[str, ...]]:
+    """Poses placed in the world and planted, and what a passive limb has to say.
+
+    A passive limb swings on the planted body, and the body is placed again with what it swung:
+    hence the poses come back too.
+    """
+    placed: momentum.Placed | None = None
+    contacted: contact.Contacted | None = None
+    notes: tuple[str, ...] = ()
+    for _ in range(SWINGS if run.swinging else 1):
+        if run.reaches("placed"):
+            run.watch.start("place")
+            placed = momentum.place(
+                run.character,
+                pose.qpos,
+                run.actor,
+                run.motion.qpos,
+                run.motion.time,
+                heading=run.settings.heading,
+            )
+        if run.reaches("contacted") and placed is not None and phases is not None:
+            run.watch.start("contact")
+            contacted = contact.adjust(run.character, placed.qpos, run.motion.time, phases)
+        if run.swinging and contacted is not None:
+            swung = run.swing(contacted.qpos)
+            contacted = replace(contacted, qpos=swung.qpos)
+            limb = passive.with_limb(run.character, pose.qpos, swung.qpos)
+            pose, notes = replace(pose, qpos=limb), swung.notes
+    return pose, placed, contacted, notes
+
+
+def _physical(
+    run: _Run, contacted: contact.Contacted | None
+) -> tuple[contact.Contacted | None, ocp.RootHeight | None]:
+    """The root's height; a passive limb feels it, and the height is found again for that limb."""
+    if contacted is None or not run.reaches("physical"):
+        return contacted, None
+    pose_error = features(run.character, contacted.qpos) - run.mapped.mean
+    if run.swinging:  # nobody has posed it, so there is no pose to keep to
+        pose_error[:, passive.passive_features(run.character)] = 0.0
+
+    def optimised(clip: contact.Contacted) -> ocp.RootHeight:
+        run.watch.start("physics")
+        return ocp.optimise(
+            run.character,
+            clip.qpos,
+            run.motion.time,
+            clip.active,
+            pose_error=pose_error,
+            pose_variance=run.mapped.variance,
+            settings=ocp.RootHeightSettings.preset(run.settings.physics),
+        )
+
+    physical = optimised(contacted)
+    if run.swinging:
+        swung = run.swing(physical.qpos)
+        limb = passive.with_limb(run.character, contacted.qpos, swung.qpos)
+        contacted = replace(contacted, qpos=limb)
+        physical = optimised(contacted)
+    return contacted, physical
+
+
+def _balanced(
+    run: _Run, contacted: contact.Contacted | None, physical: ocp.RootHeight | None
+) -> Balanced | None:
+    """Led to where the floor can bear it; a passive limb feels the lean."""
+    if contacted is None or physical is None or not run.reaches("balanced"):
+        return None
+    run.watch.start("balance")
+    balanced = balance(run.character, physical.qpos, run.motion.time, contacted.active)
+    if run.swinging:
+        swung = run.swing(balanced.qpos)
+        limb = passive.with_limb(run.character, balanced.qpos, swung.qpos)
+        balanced = replace(balanced, qpos=limb)
+    return balanced
 
 
 def _provenance(

@@ -12,7 +12,7 @@ from scipy import sparse
 from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filter1d
 
 from physretarget import kinematics
-from physretarget.balance.follow import followed
+from physretarget.balance.follow import followed, raised
 from physretarget.balance.hold import CHUNK, Hold, held, placed
 from physretarget.balance.metric import metric
 from physretarget.balance.settings import BalanceSettings
@@ -268,6 +268,7 @@ def _round(
         moved[now] = followed(
             task.character, task.original, wanted[now], task.hold, now, task.settings
         )
+    moved = raised(task.character, task.original, moved, some, task.step)
     at, dof = tree.scalars
     stopped = np.zeros_like(stops)
     lower, upper = task.character.lower[at], task.character.upper[at]

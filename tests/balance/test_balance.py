@@ -7,8 +7,11 @@ import pytest
 
 from physretarget import kinematics
 from physretarget.balance import BalanceSettings, balance
+from physretarget.balance.follow import DEEPEST, followed, raised
+from physretarget.balance.hold import held
 from physretarget.errors import InputError
 from physretarget.mjcf import derivatives, momentum
+from physretarget.mjcf.surface import lowest_heights, solids
 
 
 def _contacts(character, qpos):
@@ -114,3 +117,41 @@ def test_what_does_not_fit_is_refused(stalk, standing) -> None:
         balance(stalk, qpos, time, active[:, :2])
     with pytest.raises(InputError, match="no free root"):
         balance(replace(stalk, has_root=False), qpos, time, active)
+
+
+def _depth(character, qpos):
+    """(T,) how deep the lowest point of any geom is in the floor, m."""
+    low = lowest_heights(solids(character), kinematics.forward(character.tree, qpos))
+    return np.maximum(character.floor_height - low.min(axis=1), 0.0)
+
+
+def test_what_is_too_deep_is_raised_smoothly(stalk, standing) -> None:
+    qpos, time, _ = standing(1.0)
+    qpos[:, 2] = -0.002
+    sunk = qpos.copy()
+    sunk[30, 2] = -0.015
+    frames = np.arange(len(qpos))
+    higher = raised(stalk, qpos, sunk, frames, time[1])
+    assert _depth(stalk, higher).max() <= DEEPEST + 1e-12
+    rise = higher[:, 2] - sunk[:, 2]
+    assert np.abs(np.diff(rise)).max() < 0.2 * rise.max()
+    assert np.array_equal(higher[:20], sunk[:20])
+    assert np.array_equal(higher[:, :2], sunk[:, :2])
+
+
+def test_what_was_deep_already_stays_where_it_was(stalk, standing) -> None:
+    qpos, time, _ = standing(0.5)
+    qpos[:, 2] = -0.02
+    frames = np.arange(len(qpos))
+    assert np.array_equal(raised(stalk, qpos, qpos, frames, time[1]), qpos)
+
+
+def test_an_idle_foot_is_not_held_in_the_floor(stalk) -> None:
+    """Contact points near the floor are held firmly, also while they do not stand: not below it."""
+    qpos = np.zeros((8, 9))
+    qpos[:, 3] = 1.0
+    wanted = qpos.copy()
+    wanted[:, 2] = -0.02
+    hold = held(stalk, qpos, np.zeros((8, 4), bool), 1 / 60, BalanceSettings())
+    found = followed(stalk, qpos, wanted, hold, np.arange(8), BalanceSettings())
+    assert _depth(stalk, found).max() < 2e-3
