@@ -39,6 +39,9 @@ _ROUNDING = 1e-15
 _TOLERANCE = 1e-8
 # Most frames need fewer steps; those that zigzag begin again from inside the cones.
 _ITERATIONS, _LAST_ITERATIONS = 18, 30
+# Lengths that a step is tried with, (L, 1) at once: few frames are left after the first.
+_LENGTHS = [0.5 ** np.arange(a, b)[:, None] for a, b in ((0, 1), (1, 2), (2, 6), (6, 14), (14, 30))]
+_SHORTEST = 0.5**30
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,21 +221,23 @@ def _newton(problem: _Problem, y: Floats, most: int) -> tuple[Floats, Bools, int
     used = 0
     while used < most:
         used += 1
-        gradient, hessian = _derivatives(problem, y[:, live])
+        z = problem.seen(y[:, live])
+        gradient, hessian = _derivatives(problem, y[:, live], z)
         going = np.abs(gradient).max(axis=0) >= goal[live]
         done[live[~going]] = True
-        live, problem = live[going], problem.take(going)
-        if len(live) == 0:
+        if not going.any():
             break
-        gradient = gradient[:, going]
-        step = _solved(hessian[:, :, going], gradient)
-        y[:, live] = _search(problem, y[:, live], step, gradient)
+        if not going.all():
+            live, z, gradient = live[going], z[:, going[problem.frame]], gradient[:, going]
+            hessian, problem = hessian[:, :, going], problem.take(going)
+        step = _solved(hessian, gradient)
+        y[:, live] = _search(problem, y[:, live], z, step, gradient)
     return y, done, used
 
 
-def _derivatives(problem: _Problem, y: Floats) -> tuple[Floats, Floats]:
-    """Gradient (6, B) and Hessian (6, 6, B)."""
-    out, jacobian = _project(problem.seen(y), problem.inv)
+def _derivatives(problem: _Problem, y: Floats, z: Floats) -> tuple[Floats, Floats]:
+    """Gradient (6, B) and Hessian (6, 6, B); ``z`` is ``problem.seen(y)``."""
+    out, jacobian = _project(z, problem.inv)
     gradient = y - problem.b
     gradient += problem.wrench(out)
     jacobian[2] /= problem.friction
@@ -312,28 +317,30 @@ def _project(z: Floats, inv: Floats) -> tuple[Floats, Floats]:
     return out, jacobian
 
 
-def _search(problem: _Problem, y: Floats, step: Floats, gradient: Floats) -> Floats:
-    """Armijo backtracking, each frame its own step length."""
-    slope = np.sum(gradient * step, axis=0)
+def _search(problem: _Problem, y: Floats, z: Floats, step: Floats, gradient: Floats) -> Floats:
+    """Armijo backtracking, each frame its own step length; ``z`` is ``problem.seen(y)``."""
     # Along a step phi is a parabola and what the points add, whose z run straight.
-    z, moved = problem.seen(y), problem.seen(step)
+    moved = problem.seen(step)
     off = y - problem.b
-    linear, square = np.sum(off * step, axis=0), 0.5 * np.sum(step * step, axis=0)
     base = _worth(problem, z)
     # The last steps change phi by less than rounding: allow for that.
-    allowed = 1e-14 * (1 + np.abs(base + np.sum((off - 0.5 * y) * y, axis=0)))
-    length = np.ones(y.shape[1])
+    value = base + np.sum((off - 0.5 * y) * y, axis=0)
+    parts = np.stack([
+        base + 1e-14 * (1 + np.abs(value)), 1e-4 * np.sum(gradient * step, axis=0),
+        np.sum(off * step, axis=0), 0.5 * np.sum(step * step, axis=0),
+    ])  # fmt: skip
+    length = np.full(y.shape[1], _SHORTEST)
     rising = np.arange(y.shape[1])
-    for _ in range(30):
-        tried = length[rising]
-        gain = _worth(problem, z + problem.spread(tried) * moved) - base[rising]
-        gain += tried * (linear[rising] + tried * square[rising])
-        still = gain > 1e-4 * tried * slope[rising] + allowed[rising]
+    for tried in _LENGTHS:
+        most, slope, linear, square = parts
+        added = _worth(problem, z[:, None] + tried * moved[:, None])
+        high = added + tried * (linear - slope + tried * square) > most
+        still = high.all(axis=0)
+        length[rising[~still]] = tried[high.argmin(axis=0)[~still], 0]
         if not still.any():
             break
         points = still[problem.frame]
         z, moved = z[:, points], moved[:, points]
-        rising, problem = rising[still], problem.take(still)
-        length[rising] *= 0.5
+        parts, rising, problem = parts[:, still], rising[still], problem.take(still)
     searched: Floats = y + length * step
     return searched
