@@ -22,7 +22,7 @@ __all__ = ["Tracker", "track"]
 
 Array = NDArray[np.float64]
 
-STEPS, FIRST = 4, 20
+STEPS, FIRST = 6, 20
 """Steps per frame at most, and in the first one."""
 TRUST = 0.3
 """Share of the predicted gain below which the curvature is taken anew."""

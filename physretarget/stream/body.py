@@ -23,8 +23,9 @@ LOCKED = 1e12
 """Armature of a degree of freedom that must not move."""
 HELD = 1e-6
 """Armature of all others, as the batch path holds what no marker determines."""
-_UP, _DOWN = [5, 6, 1], [7, 2, 3]
-"""Entries of a matrix a tᵀ, row by row, whose differences are a × t."""
+_CROSS = np.zeros((9, 3))
+_CROSS[[5, 6, 1], [0, 1, 2]], _CROSS[[7, 2, 3], [0, 1, 2]] = 1.0, -1.0
+"""Takes a matrix a tᵀ, row by row, to a × t."""
 
 
 class Body:
@@ -234,7 +235,7 @@ class Solver:
         pull = np.empty((len(self.bodies), 6))
         np.subtract(drawn, self.mass * self.centre[self.bodies], out=pull[:, :3])
         lever = np.einsum("nij,njk->nik", self.body.turn[self.bodies], twisted).reshape(-1, 9)
-        np.subtract(lever[:, _UP], lever[:, _DOWN], out=pull[:, 3:])
+        np.matmul(lever, _CROSS, out=pull[:, 3:])
         self.pull[self.bodies] = pull
 
     def _step(self, qpos: Array) -> Array:
