@@ -1,10 +1,11 @@
 """The stream: latency per frame, and how far its poses are from the batch path's.
 
-    python -m benchmarks.stream [--characters lamp penguin squirrel] [--data FOLDER]
-                                [--delays 0 0.25 0.5 1] [--passes 3]
+    python -m benchmarks.stream [--characters penguin squirrel lamp] [--data FOLDER]
+                                [--delays 0 0.25 0.5 1] [--passes 12] [--only latency]
 
-Captures: those of the pybullet wheel, and of FOLDER ($PHYSRETARGET_DATA) where it is present. The
-stream is fed the batch path's own filtered frames at 60 per second, with one BLAS thread.
+Prints all tables of docs/stream.md, in its order. Captures: those of the pybullet wheel, and of
+FOLDER ($PHYSRETARGET_DATA) where it is present. The stream is fed the batch path's own filtered
+frames at 60 per second, with one BLAS thread.
 """
 
 from __future__ import annotations
@@ -35,6 +36,8 @@ Array = NDArray[np.float64]
 WHEEL = ("walk", "jump", "dance_a", "dance_b", "run", "kick", "backflip")
 BANDAI = ("walk_normal", "walk_happy", "walk_sad", "run_normal", "run_angry", "bow_happy")
 C3D = ("85_02", "cmu_02_05", "135_02")
+TIMED = {"walk": None, "jump": None, "walk_normal": 150}
+"""Captures that are timed, and how many of their frames."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -92,14 +95,17 @@ def compared(posed: list[Posed], batch: Retargeted) -> Apart:
     )
 
 
-def streamed(mapper: TrainedMapper, batch: Retargeted, delay: float) -> tuple[list[Posed], Array]:
-    """The poses of all frames, and how many ms each call took."""
+def streamed(
+    mapper: TrainedMapper, batch: Retargeted, delay: float, frames: int | None = None
+) -> tuple[list[Posed], Array]:
+    """The poses of all frames (or the first ones), and how many ms each call took."""
     streamer = Streamer(mapper, delay=delay)
     found: list[Posed] = []
     spent: list[float] = []
     gc.collect()
     gc.freeze()
-    for time, qpos in zip(batch.motion.time.tolist(), batch.motion.qpos, strict=True):
+    motion = batch.motion
+    for time, qpos in zip(motion.time[:frames].tolist(), motion.qpos[:frames], strict=True):
         began = clock.perf_counter()
         posed = streamer.next(time, qpos)
         spent.append(clock.perf_counter() - began)
@@ -131,62 +137,108 @@ def _two(values: Array) -> str:
     return "{:.1f} / {:.1f}".format(*np.percentile(values, [50, 99]))
 
 
-def _table(mapper: TrainedMapper, batches: dict[str, Retargeted], passes: int) -> None:
-    print(
-        "| capture | frames | ms, first pass | best | mapped | placed | shape | drift "
-        "| largest step, stream : batch | held points slide, mm |\n" + "|---" * 10 + "|"
-    )
-    every: list[Array] = []
-    for name, batch in batches.items():
-        times = []
-        for _ in range(passes):
-            posed, spent = streamed(mapper, batch, 0.0)
-            times.append(spent)
-        every.append(np.stack([times[0], np.min(times, axis=0)]))
-        a = compared(posed, batch)
-        cells = [name, str(len(posed))]
-        cells += ["{:.2f} / {:.2f}".format(*np.percentile(t, [50, 99])) for t in every[-1]]
-        cells += [_two(a.mapped), _two(a.placed), _two(a.shape), _two(a.drift)]
-        cells += [f"{a.step[0]:.1f} : {a.step[1]:.1f}", f"{a.slid:.1f}"]
-        print("| " + " | ".join(cells) + " |", flush=True)
-    whole = np.concatenate(every, axis=1)
-    cells = ["{:.2f} / {:.2f}".format(*np.percentile(t, [50, 99])) for t in whole]
-    print(f"| all | {whole.shape[1]} | {cells[0]} | {cells[1]} | | | | | | |")
+def _print(head: list[str], rows: list[list[str]]) -> None:
+    print("\n| " + " | ".join(head) + " |\n" + "|---" * len(head) + "|")
+    for row in rows:
+        print("| " + " | ".join(row) + " |")
+    print(flush=True)
 
 
-def _delays(mapper: TrainedMapper, batches: dict[str, Retargeted], delays: list[float]) -> None:
-    print(
-        "\n| delay, s | shape, all frames | shape, worst capture | drift, all frames "
-        "| drift, worst capture | drift, first : second half of long clips |\n" + "|---" * 6 + "|"
+def timed(mapper: TrainedMapper, batches: dict[str, Retargeted], passes: int) -> tuple[Array, ...]:
+    """ms of every frame in the first pass, and in its fastest of all ``passes``."""
+    first, fastest = [], []
+    for name, frames in TIMED.items():
+        if name in batches:
+            spent = [streamed(mapper, batches[name], 0.0, frames)[1] for _ in range(passes)]
+            first.append(spent[0])
+            fastest.append(np.min(spent, axis=0))
+    return np.concatenate(first), np.concatenate(fastest)
+
+
+def _latency(found: dict[str, tuple[Array, ...]], passes: int) -> None:
+    rows = [
+        [f"{which}: {kind}", *(f"{np.percentile(ms[k], share):.2f}" for ms in found.values())]
+        for k, which in enumerate(("first pass", f"fastest of {passes} passes"))
+        for kind, share in (("median", 50), ("99th percentile", 99))
+    ]
+    _print(["ms per frame", *found], rows)
+
+
+def _captures(apart: dict[str, Apart]) -> None:
+    head = ["capture", "frames", "mapped", "placed", "shape", "drift"]
+    rows = []
+    for name, a in apart.items():
+        cells = [name, str(len(a.shape)), _two(a.mapped), _two(a.placed), _two(a.shape)]
+        rows.append([*cells, _two(a.drift), "{:.1f} : {:.1f}".format(*a.step), f"{a.slid:.1f}"])
+    _print([*head, "largest step, stream : batch", "held points slide, mm"], rows)
+
+
+def _over_all(found: list[Apart]) -> list[str]:
+    """Shape and drift over all frames and of the worst capture, drift of halves."""
+    cells: list[str] = []
+    for values in ([a.shape for a in found], [a.drift for a in found]):
+        worst = max(float(np.median(v)) for v in values)
+        cells += [_two(np.concatenate(values)), f"{worst:.1f}"]
+    halves = [np.array_split(a.drift, 2) for a in found if len(a.drift) >= 360]
+    medians = [np.median(np.concatenate(half)) for half in zip(*halves, strict=True)]
+    return [*cells, " : ".join(f"{median:.1f}" for median in medians)]
+
+
+def _delays(apart: dict[str, dict[float, list[Apart]]]) -> None:
+    head = ["character", "delay, s", "shape, all frames", "worst capture's median"]
+    head += ["drift, all frames", "worst capture's median"]
+    rows = [
+        [name, f"{delay:g}", *_over_all(found)]
+        for name, each in apart.items()
+        for delay, found in each.items()
+    ]
+    _print([*head, "drift, first : second half of clips over 6 s"], rows)
+
+
+def _delays_in_short(apart: dict[str, dict[float, list[Apart]]], delays: list[float]) -> None:
+    def cell(found: list[Apart]) -> str:
+        both = (np.concatenate([a.shape for a in found]), np.concatenate([a.drift for a in found]))
+        return ", ".join(f"{np.median(each):.1f}" for each in both)
+
+    rows = [[name, *(cell(found) for found in each.values())] for name, each in apart.items()]
+    _print(
+        ["shape, drift (median of all frames) at a delay of", *(f"{d:g} s" for d in delays)], rows
     )
-    for delay in delays:
-        found = [compared(streamed(mapper, b, delay)[0], b) for b in batches.values()]
-        cells = [f"{delay:g}"]
-        for values in ([a.shape for a in found], [a.drift for a in found]):
-            worst = max(values, key=lambda v: float(np.median(v)))
-            cells += [_two(np.concatenate(values)), f"{np.median(worst):.1f}"]
-        halves = [np.array_split(a.drift, 2) for a in found if len(a.drift) >= 360]
-        medians = [np.median(np.concatenate(half)) for half in zip(*halves, strict=True)]
-        cells.append(" : ".join(f"{median:.1f}" for median in medians))
-        print("| " + " | ".join(cells) + " |", flush=True)
 
 
 def main() -> None:
-    """Two tables per character."""
+    """All tables."""
     options = argparse.ArgumentParser(description=__doc__)
-    options.add_argument("--characters", nargs="+", default=["lamp", "penguin", "squirrel"])
+    options.add_argument("--characters", nargs="+", default=["penguin", "squirrel", "lamp"])
     options.add_argument("--data", type=Path, default=os.environ.get("PHYSRETARGET_DATA"))
     options.add_argument("--delays", nargs="+", type=float, default=[0.0, 0.25, 0.5, 1.0])
-    options.add_argument("--passes", type=int, default=3)
+    options.add_argument("--passes", type=int, default=12)
+    options.add_argument("--only", choices=["latency"])
     told = options.parse_args()
     motions = dict(captures(Path(told.data) if told.data else None))
+    if told.only:
+        motions = {name: motion for name, motion in motions.items() if name in TIMED}
+    settings = RetargetSettings(until="contacted")
+    latency: dict[str, tuple[Array, ...]] = {}
+    apart: dict[str, dict[float, list[Apart]]] = {}
     for name in told.characters:
         mapper = learned(name)
-        settings = RetargetSettings(until="contacted")
         batches = {n: retarget(m, mapper, settings=settings) for n, m in motions.items()}
-        print(f"\n{name}: {len(mapper.names)} key poses\n")
-        _table(mapper, batches, told.passes)
-        _delays(mapper, batches, told.delays)
+        print(f"{name}: {len(mapper.names)} key poses", flush=True)
+        latency[name] = timed(mapper, batches, told.passes)
+        if not told.only:
+            apart[name] = {
+                delay: [compared(streamed(mapper, b, delay)[0], b) for b in batches.values()]
+                for delay in told.delays
+            }
+    if apart:
+        _delays_in_short(apart, told.delays)
+    _latency(latency, told.passes)
+    for name, each in apart.items():
+        print(f"{name}:")
+        _captures(dict(zip(motions, each[told.delays[0]], strict=True)))
+    if apart:
+        _delays(apart)
 
 
 if __name__ == "__main__":
