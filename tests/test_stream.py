@@ -204,6 +204,14 @@ def test_touch_knows_neither_frame_rate_nor_floor_height() -> None:
         assert not found[late & (lift > 0.08)].any()
 
 
+def test_the_first_pose_is_sought_to_its_end(mapper: TrainedMapper, jump: ActorMotion) -> None:
+    streamer = Streamer(mapper)
+    posed = [streamer.next(k / 60.0, jump.qpos[0]) for k in range(4)]
+    mapped = np.array([p.mapped for p in posed if p is not None])
+    step = marker_rms(mapper.character, mapped[1:], mapped[:-1])
+    assert step.max() < 2e-3 * mapper.character.height
+
+
 def test_refusals(mapper: TrainedMapper, jump: ActorMotion) -> None:
     streamer = Streamer(mapper)
     streamer.next(0.0, jump.qpos[0])
