@@ -26,6 +26,9 @@ INVERTED_COSINE = -np.sqrt(0.5)
 heading is carried along instead of computed: the minimal rotation to upright amplifies changes
 of orientation by ``1 / cos(tilt / 2)``, 2.6 here and without bound towards upside down."""
 
+CHUNK = 1024
+"""Frames whose kinematics are held in memory at once."""
+
 
 @dataclass(frozen=True)
 class LocalFrame:
@@ -87,17 +90,33 @@ def features(character: Character, qpos: Array) -> Array:
 
     ``qpos`` (T, nq). Horizontal position and heading do not matter to the result.
     """
-    pose = kinematics.forward(character.tree, qpos)
-    markers = kinematics.points(pose, character.markers.body, character.markers.local)
-    return stack(frame_of(character, pose).to_local(markers))
+    markers = character.markers
+    frame, points = _framed(character, qpos, markers.body, markers.local)
+    return stack(frame.to_local(points))
 
 
-def frame_of(character: Character, pose: kinematics.Pose) -> LocalFrame:
-    """Local frame of ``character`` in every frame of ``pose``."""
+def frame_of(character: Character, qpos: Array) -> LocalFrame:
+    """Local frame of ``character`` in every frame of a clip ``qpos`` (T, nq)."""
+    return _framed(character, qpos, np.zeros(0, dtype=np.int64), np.zeros((0, 3)))[0]
+
+
+def _framed(
+    character: Character, qpos: Array, body: NDArray[np.int64], local: Array
+) -> tuple[LocalFrame, Array]:
+    """The local frame, and the world positions (T, K, 3) of points of bodies.
+
+    Kinematics of all bodies are known for :data:`CHUNK` frames at a time: for a long clip they
+    take more memory than the clip.
+    """
     root = character.root_body
-    return local_frame(
-        pose.position[:, root], pose.rotation[:, root], character.front, character.up
-    )
+    position, rotation = np.empty((len(qpos), 3)), np.empty((len(qpos), 3, 3))
+    points = np.empty((len(qpos), len(body), 3))
+    for at in range(0, len(qpos), CHUNK):
+        part = slice(at, at + CHUNK)
+        pose = kinematics.forward(character.tree, qpos[part])
+        position[part], rotation[part] = pose.position[:, root], pose.rotation[:, root]
+        points[part] = kinematics.points(pose, body, local)
+    return local_frame(position, rotation, character.front, character.up), points
 
 
 def _axes(front: ArrayLike, up: ArrayLike) -> tuple[Array, Array]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from physretarget import kinematics
 from physretarget.errors import InputError
-from physretarget.features import local_frame
+from physretarget.features import frame_of
 from physretarget.kinematics import PointTargets
 from physretarget.mjcf import Character
 
@@ -241,12 +241,7 @@ def facing_forward(character: Character, qpos: Floats) -> Floats:
     """
     if not character.has_root:
         return qpos
-    pose = kinematics.forward(character.tree, qpos)
-    body = character.root_body
-    frame = local_frame(
-        pose.position[:, body], pose.rotation[:, body], character.front, character.up
-    )
-    half = -0.5 * frame.yaw
+    half = -0.5 * frame_of(character, qpos).yaw
     turn = np.zeros((len(qpos), 4))
     turn[:, 0], turn[:, 3] = np.cos(half), np.sin(half)
     turned = qpos.copy()

@@ -101,7 +101,7 @@ def place(
             raise InputError(f"{each.name} has no free joint, it cannot move about", path=each.path)
     if len(qpos) != len(actor_qpos):
         raise InputError(f"{len(qpos)} poses of the character, {len(actor_qpos)} of the actor")
-    frame = frame_of(actor, forward(actor.tree, actor_qpos))
+    frame = frame_of(actor, actor_qpos)
     human = _turned(momentum(actor, actor_qpos, derivatives(actor, actor_qpos, time)[0]), frame.yaw)
     local = _without_heading(character, qpos)
     own = momentum(character, local, derivatives(character, local, time)[0])
@@ -176,7 +176,7 @@ def _marker_speed(character: Character) -> Array:
 
 def _without_heading(character: Character, qpos: Array) -> Array:
     """The same poses over the origin, heading along x."""
-    frame = frame_of(character, forward(character.tree, qpos))
+    frame = frame_of(character, qpos)
     return _moved(character, qpos, -frame.yaw, None)
 
 

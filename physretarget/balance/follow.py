@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 SLACK = 1e-3
-"""What is less deep in the floor than this (m) need not be lifted."""
+"""A part of the body may sink this much (m) below the floor, or below where the clip has it."""
 DEEPEST = 8e-3
 """No part ends deeper in the floor (m) than this, unless the clip has it so: with some room to the
 centimetre that a reproduction allows (:mod:`physretarget.reproduce.takes`)."""
@@ -47,8 +47,10 @@ def followed(
     targets = _targets(character, wanted, hold, frames)
     moved = _solved(character, wanted, targets, settings)
     shapes = solids(character)
+    floor = character.floor_height
     before = lowest_heights(shapes, kinematics.forward(character.tree, original[frames]))
-    allowed = np.minimum(before, character.floor_height - SLACK)
+    deeper = np.maximum(np.minimum(before, floor) - SLACK, floor - DEEPEST)
+    allowed = np.minimum(before, deeper)
     for _ in range(LIFTS):
         after = lowest_heights(shapes, kinematics.forward(character.tree, moved))
         lift = np.maximum(allowed - after, 0.0)
@@ -90,12 +92,13 @@ def raised(character: Character, original: Array, moved: Array, frames: Ints, st
 def _targets(character: Character, wanted: Array, hold: Hold, frames: Ints) -> list[PointTargets]:
     """Markers where ``wanted`` has them; held points where the clip has them, while they stand.
 
-    Those that do not stand are where ``wanted`` has them, but no deeper in the floor than the clip.
+    Those that do not stand are where ``wanted`` has them, but not deep in the floor unless the clip
+    has them there.
     """
     markers = character.markers
     pose = kinematics.forward(character.tree, wanted)
     there = kinematics.points(pose, hold.body, hold.local)
-    deepest = np.minimum(hold.place[frames, :, 2], character.floor_height - SLACK)
+    deepest = np.minimum(hold.place[frames, :, 2], character.floor_height - DEEPEST)
     there[..., 2] = np.maximum(there[..., 2], deepest)
     place = np.where(hold.firm[frames, :, None], hold.place[frames], there)
     seen = kinematics.points(pose, markers.body, markers.local)
