@@ -31,8 +31,11 @@ __all__ = ["LONGEST_DELAY", "Posed", "Streamer"]
 Array = NDArray[np.float64]
 
 NOWHERE = np.zeros(2)
-FIRST = 30
-"""Gauss-Newton steps at most from the nearest key pose to the first frame's pose."""
+FIRST, ANEW = 30, 8
+"""Gauss-Newton steps at most from the nearest key pose, in the first frame and in a later one."""
+LOST, BETTER = 0.03, 0.5
+"""A pose whose markers miss by more than this, in heights, is sought anew; what is found is taken
+if it misses by less than this share."""
 LONGEST_DELAY = 5.0
 """s; from a few stances on nothing is gained."""
 
@@ -115,10 +118,7 @@ class Streamer:
         y, com, points, yaw = self._seen(actor_qpos)
         mapped = self.tracker.next(y)
         target = mapped.mean[0].reshape(-1, 3)
-        start, steps = self.before, None
-        if start is None:
-            start, steps = self.mapper.nearest_pose(y[None])[0], FIRST
-        local = self._facing_forward(self.pose.solve(start, target, steps=steps))
+        local = self._facing_forward(self._fitted(y, target))
         self.before = local
         placed = self._moved(local, yaw, self.placer.next(yaw, com, self.body.com(local)))
         touch = self.toucher.next(points, step)
@@ -170,6 +170,28 @@ class Streamer:
         local[:, :2] = local[:, :2] @ _rotation(yaw)
         points = self.actor.points(self.mapper.actor.contacts)
         return local.ravel(), com, points[self.order], yaw
+
+    def _fitted(self, y: Array, target: Array) -> Array:
+        """The pose (nq,) whose markers come closest to ``target`` (K, 3).
+
+        Sought from the last pose on; where that leads to nothing, as after a motion that no key
+        pose is like, from the nearest key pose, as in the batch path.
+        """
+        if self.before is None:
+            return self.pose.solve(self.mapper.nearest_pose(y[None])[0], target, steps=FIRST)
+        found = self.pose.solve(self.before, target)
+        miss = self._miss(found, target)
+        if miss > LOST * self.character.height:
+            anew = self.pose.solve(self.mapper.nearest_pose(y[None])[0], target, steps=ANEW)
+            if self._miss(anew, target) < BETTER * miss:
+                return anew
+        return found
+
+    def _miss(self, qpos: Array, target: Array) -> float:
+        """RMS distance of a pose's markers from where they should be, m."""
+        self.body.pose(qpos)
+        away = (self.body.points(self.character.markers) - target).ravel()
+        return math.sqrt(float(away @ away) / len(target))
 
     def _facing_forward(self, qpos: Array) -> Array:
         self.body.pose(qpos)
