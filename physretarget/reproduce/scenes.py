@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from physretarget.keyposes import actor_character_of_reference
 from physretarget.mjcf import Character
+from physretarget.pipeline import STAGES
 from physretarget.replay.figures import figure
 from physretarget.replay.scene import Scene
 from physretarget.reproduce.store import Piece
@@ -73,6 +74,6 @@ def stages_of(folder: Path, count: int) -> tuple[list[tuple[str, Array]], Array]
         time = content["time"]
         picked = np.rint((np.arange(count) + 0.5) / count * (len(time) - 1)).astype(int)
         rows = [("actor", content["actor_qpos"][picked])]
-        for name in ("mapped", "placed", "contacted", "physical"):
+        for name in STAGES:
             rows.append((name, content[f"qpos_{name}"][picked]))
     return rows, time[picked]

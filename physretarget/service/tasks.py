@@ -44,7 +44,8 @@ from physretarget.validation.codes import RULES
 Progress = Callable[[float, str], None]
 # What a retargeting's time is spent on, roughly, by the pipeline's stages.
 _SHARES = {
-    "prepare": 0.30, "map": 0.35, "pose": 0.40, "place": 0.50, "contact": 0.55, "physics": 0.65,
+    "prepare": 0.30, "map": 0.35, "pose": 0.40, "place": 0.50, "contact": 0.55, "physics": 0.60,
+    "balance": 0.65,
 }  # fmt: skip
 _NICE = 10  # the server answers first
 _ANY_FPS = 30.0  # for a look at a clip that states none; whoever judges it has to know
