@@ -85,7 +85,7 @@ def retarget_command(
         ),
     ] = "sgplvm",
     dims: DimsOption = 30,
-    until: Annotated[str, typer.Option("--until", help="Last stage; each needs those before it.", **complete(STAGES))] = (
+    until: Annotated[str, typer.Option("--until", help="Last stage.", **complete(STAGES))] = (
         "balanced"
     ),
     physics: Annotated[
