@@ -48,7 +48,7 @@ def held(
     flank_body, flank_local = _flanks(character)
     body = np.concatenate([contacts.body, flank_body])
     local = np.concatenate([contacts.local, flank_local])
-    place = placed(character, qpos, body, local)
+    place = kinematics.trajectories(character.tree, qpos, body, local)
     own = np.array([contacts.body == b for b in flank_body], dtype=bool).reshape(-1, len(contacts))
     firm = np.concatenate([active, (active.astype(float) @ own.T) > 1.5], axis=1)
     height = (place[..., 2] - character.floor_height) / character.height
@@ -56,15 +56,6 @@ def held(
     share = np.concatenate([np.ones(len(contacts)), settings.flank / np.maximum(count, 1)])
     weight = share * _firmness(firm, height, step, settings)
     return Hold(body, local, place, weight, firm)
-
-
-def placed(character: Character, qpos: Array, body: Ints, local: Array) -> Array:
-    """(T, K, 3) where points of bodies are in poses (T, nq); some poses at a time."""
-    parts = [
-        kinematics.points(kinematics.forward(character.tree, qpos[at : at + CHUNK]), body, local)
-        for at in range(0, len(qpos), CHUNK)
-    ]
-    return np.concatenate(parts)
 
 
 def _firmness(firm: Flags, height: Array, step: float, settings: BalanceSettings) -> Array:

@@ -13,7 +13,7 @@ from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filt
 
 from physretarget import kinematics
 from physretarget.balance.follow import followed, raised
-from physretarget.balance.hold import CHUNK, Hold, held, placed
+from physretarget.balance.hold import CHUNK, Hold, held
 from physretarget.balance.metric import metric
 from physretarget.balance.settings import BalanceSettings
 from physretarget.errors import InputError
@@ -335,6 +335,9 @@ def _inner(second: sparse.csr_array, part: slice) -> tuple[NDArray[np.int64], sp
 def _displaced(character: Character, before: Array, after: Array) -> Array:
     """(T,) RMS displacement of the markers, m."""
     markers = character.markers
-    one, other = (placed(character, qpos, markers.body, markers.local) for qpos in (before, after))
+    one, other = (
+        kinematics.trajectories(character.tree, qpos, markers.body, markers.local)
+        for qpos in (before, after)
+    )
     distance: Array = np.sqrt(np.mean(np.sum((other - one) ** 2, axis=-1), axis=1))
     return distance

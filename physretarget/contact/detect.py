@@ -65,8 +65,9 @@ def detect_phases(motion: ActorMotion, *, settings: DetectionSettings | None = N
     settings = settings or DetectionSettings()
     segment, local = motion.shape.contact_points()
     wanted = [CONTACT_POINTS.index(name) for name in settings.points]
-    pose = kinematics.forward(motion.shape.tree(), motion.qpos)
-    position = kinematics.points(pose, segment[wanted] + 1, local[wanted])
+    position = kinematics.trajectories(
+        motion.shape.tree(), motion.qpos, segment[wanted] + 1, local[wanted]
+    )
     scale = motion.shape.leg_length / _LEG
     active = detect(position, motion.time, settings.points, scale=scale, settings=settings)
     return Phases(settings.points, active & motion.valid[:, None], motion.time)

@@ -31,6 +31,7 @@ from physretarget.kinematics.tree import (
     integrate,
     jacobian,
     points,
+    trajectories,
 )
 
 __all__ = [
@@ -56,4 +57,5 @@ __all__ = [
     "slerp",
     "solve",
     "stiffness",
+    "trajectories",
 ]

@@ -25,6 +25,7 @@ JointKind = Literal["free", "ball", "hinge", "slide"]
 
 _QPOS = {"free": 7, "ball": 4, "hinge": 1, "slide": 1}
 _DOFS = {"free": 6, "ball": 3, "hinge": 1, "slide": 1}
+_FRAMES = 1024
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,6 +235,19 @@ def points(pose: Pose, body: Ints | Sequence[int], local: Floats) -> Floats:
     turned = np.matmul(pose.rotation[:, index], local[..., None])[..., 0]
     placed: Floats = pose.position[:, index] + turned
     return placed
+
+
+def trajectories(tree: Tree, qpos: Floats, body: Ints | Sequence[int], local: Floats) -> Floats:
+    """World positions (T, K, 3) of points fixed at ``local`` (K, 3) in bodies, in poses (T, nq).
+
+    :func:`points` of :func:`forward`, some frames at a time: poses of all bodies take more memory
+    than a long clip itself.
+    """
+    found = np.empty((len(qpos), len(body), 3))
+    for at in range(0, len(qpos), _FRAMES):
+        part = slice(at, at + _FRAMES)
+        found[part] = points(forward(tree, qpos[part]), body, local)
+    return found
 
 
 def screws(tree: Tree, pose: Pose, qpos: Floats) -> tuple[Floats, Floats, Floats]:
