@@ -35,10 +35,8 @@ def read(file: IO[bytes], *, path: str, sha256: str) -> Raw:
     first = next(lines, None)
     if first is None:
         raise InputError("the file is empty.", path=path)
-    first = (
-        first[0],
-        first[1].lstrip().lstrip("#"),
-    )  # numpy.savetxt writes its header as a comment
+    # numpy.savetxt writes its header as a comment.
+    first = (first[0], first[1].lstrip().lstrip("#"))
     cells = _split(first[1])
     header = None if all(_number(c) is not None for c in cells) else cells
     parts = _parts(lines if header is not None else chain([first], lines), path)

@@ -128,6 +128,7 @@ def lowpass(character: Character, qpos: Array, fps: float, hz: float) -> Array:
 
 
 _RINGS = 40
+"""Frames after which the filter has forgotten its start, cutoffs near half the frame rate too."""
 
 
 def smoothed(values: Array, fps: float, hz: float) -> Array:
@@ -138,7 +139,7 @@ def smoothed(values: Array, fps: float, hz: float) -> Array:
     plain mirror image would stop its acceleration.
     """
     frames = len(values)
-    # The filter forgets within three periods; near half the frame rate it rings for some frames.
+    # It forgets within three periods of the cutoff.
     pad = min(frames - 1, max(int(np.ceil(3 * fps / hz)), _RINGS))
     window = min(frames, max(5, int(np.ceil(fps / hz)) + 1))
     whole = np.concatenate(

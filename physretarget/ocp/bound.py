@@ -26,7 +26,6 @@ RISE = 0.003
 """Heights, over the character's, between which a touching point must stay for the bound; widened
 to those of the solution that is judged, so that it always counts among the possible ones."""
 
-
 WINDOW = 600
 """Frames per programme of the bound."""
 
@@ -119,8 +118,10 @@ def cone_programme(scene: Scene, basis: Basis, settings: RootHeightSettings) -> 
     value, curvature = (sparse_of(basis, b) for b in (basis.value, basis.curvature))
     before: Array = np.zeros(0)
     first, given, iterations, status = 0, 0, 0, "Solved"
+    # A piece is at least as long as a weight acts, or the next one would begin no later.
+    window = max(CONE_WINDOW, 2 * int(np.ceil(basis.width * scene.frames / basis.count)))
     while given < basis.count:
-        last = min(first + CONE_WINDOW + CONE_AHEAD, scene.frames)
+        last = min(first + window + CONE_AHEAD, scene.frames)
         rows, columns = slice(first, last), slice(given, int(basis.first[last - 1]) + basis.width)
         piece = _Piece(
             scene.between(first, last), value[rows, columns], curvature[rows, columns],
@@ -133,7 +134,7 @@ def cone_programme(scene: Scene, basis: Basis, settings: RootHeightSettings) -> 
         if last == scene.frames:
             break
         before = value[:last] @ weights
-        given = int(basis.first[first + CONE_WINDOW]) + basis.width // 2
+        given = int(basis.first[first + window]) + basis.width // 2
         weights[given:] = 0.0
         first = int(np.searchsorted(basis.first, given - basis.width, side="right"))
     return Convex(weights, force, status, iterations)

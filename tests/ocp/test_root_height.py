@@ -313,3 +313,14 @@ def test_a_long_clip_is_solved_piece_by_piece_as_if_at_once(
     monkeypatch.setattr(bound, "CONE_AHEAD", 1)
     short = optimise(character, qpos, time, active, settings=settings)
     assert np.abs(short.displacement - whole.displacement).max() > 10 * moved
+
+
+def test_pieces_are_never_shorter_than_a_weight_acts(
+    hopper: Make, hops: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else the next piece begins where this one did, without end."""
+    monkeypatch.setattr(bound, "CONE_WINDOW", 1)
+    monkeypatch.setattr(bound, "CONE_AHEAD", 60)
+    qpos, time, active = hops(6.0)
+    found = optimise(hopper(), qpos, time, active, settings=RootHeightSettings.preset("convex"))
+    assert np.isfinite(found.displacement).all()
