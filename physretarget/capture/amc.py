@@ -146,7 +146,7 @@ def _parse_asf(lines: list[tuple[int, list[str]]], path: Path) -> _Skeleton:
             degrees = words[1].lower().startswith("deg")
         if words[0].lower() == "length" and len(words) > 1:
             length_unit = _numbers(words[1:2], path, line)[0]
-            if not 1e-6 < length_unit < 1e6:
+            if not 1e-4 < length_unit < 1e4:
                 raise InputError("The unit of length is no size.", path=path, line=line)
     root, position = _parse_root(sections.get("root", []), degrees, path)
     bones = [root, *_parse_bones(sections.get("bonedata", []), degrees, path)]
