@@ -18,6 +18,7 @@ from physretarget.face.curve import Curve, Key
 from physretarget.face.formats import read_shots, write_shot
 from physretarget.face.formats.live2d import read_live2d, write_live2d
 from physretarget.face.formats.maya_anim import read_maya
+from physretarget.face.formats.spine import read_spine
 from physretarget.face.formats.tangents import worst_difference
 from physretarget.face.shot import Shot
 
@@ -571,3 +572,14 @@ def test_live2d_jumps_at_once_and_fades(tmp_path):
     path.write_text(json.dumps({"Version": 3, "Meta": {}, "Curves": [curve]}))
     with pytest.raises(InputError, match="does not come after"):
         read_shots(path)
+
+
+def test_a_spine_file_without_a_version_may_nest_deeply(tmp_path):
+    path = tmp_path / "deep.json"
+    deep = "[" * 700 + "]" * 700
+    rotate = '{"a": {"rotate": [{"time": 0, "value": 1}, {"time": 1, "value": 2}]}}'
+    path.write_text(
+        f'{{"bones": [{{"name": "a"}}], "animations": {{"x": {{"bones": {rotate}}}, "y": '
+        f'{{"bones": {{}}, "events": {deep}}}}}}}'
+    )
+    assert len(read_spine(path)) == 2

@@ -29,6 +29,7 @@ _COMPONENTS = {
     "sheary": ("value",),
 }
 _Handles = tuple[float, float, float, float]  # offsets: out dx, out dy, in dx, in dy
+_OLD_FIELDS = frozenset(("angle", "c2", "c3", "c4"))
 
 
 def is_spine(content: Any) -> bool:
@@ -57,10 +58,18 @@ def read_spine(path: str | PathLike[str] | Source) -> tuple[Shot, ...]:
 
 
 def _is_old(content: Any) -> bool:
-    """Whether any key has fields that version 4 no longer knows."""
-    parts = content.values() if isinstance(content, dict) else content
-    old = isinstance(content, dict) and not {"angle", "c2", "c3", "c4"}.isdisjoint(content)
-    return old or any(_is_old(p) for p in parts if isinstance(p, dict | list))
+    """Whether any key, an entry of a list, has fields that version 4 does not know."""
+    waiting = [content]  # not by recursion: files nest as deep as they like
+    while waiting:
+        part = waiting.pop()
+        if isinstance(part, dict):
+            waiting.extend(part.values())
+        elif isinstance(part, list):
+            keys = (key for key in part if isinstance(key, dict))
+            if any(not _OLD_FIELDS.isdisjoint(key) for key in keys):
+                return True
+            waiting.extend(part)
+    return False
 
 
 def _shorter_way(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
