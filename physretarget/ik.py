@@ -43,7 +43,7 @@ class IkSettings:
     prior: float = 1e-6
     leap: float = 0.3
     flip: float = 0.9
-    doubt: float = 0.02
+    doubt: float = 0.015
     steadiness: float = 0.01
 
 

@@ -229,7 +229,7 @@ def _reached(
         frames = np.flatnonzero(other)  # the others would come out as they are
         solved[frames] = followed(character, moved[frames], feet, settings, frames=frames)
     if cut:
-        notes.append(f"{cut} stances were shortened: the legs do not reach from one to the next.")
+        notes.append(f"Stances shortened where legs do not reach from one to the next: {cut}.")
     return solved, feet
 
 

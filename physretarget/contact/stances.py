@@ -85,7 +85,7 @@ def find_footings(
     pieces = [p for whole in merged for p in _turning(whole, place, time, limit, settings)]
     footings, notes = _apart(sole, pieces, time, height, settings)
     if len(pieces) > len(merged):
-        notes.append(f"{len(pieces) - len(merged)} stances were cut because the motion turns.")
+        notes.append(f"Stances cut because the motion turns: {len(pieces) - len(merged)}.")
     return footings, notes
 
 
@@ -161,9 +161,9 @@ def _apart(
             kept.append(current)
     notes = []
     if hops:
-        notes.append(f"{hops} hops were made or lengthened between stances at different places.")
+        notes.append(f"Hops made or lengthened between stances at different places: {hops}.")
     if dropped:
-        notes.append(f"{dropped} stances were dropped: too short or too far to be reached.")
+        notes.append(f"Stances dropped, too short or too far to be reached: {dropped}.")
     return kept, notes
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import PurePath
 
+from physretarget.report.words import count
 from physretarget.validation.report import Finding, Report
 
 _MARK = {"error": "❌", "warning": "⚠️"}
@@ -37,7 +38,7 @@ def _section(report: Report) -> list[str]:
     lines = [
         f"### {verdict}: `{clip}` on `{model}`",
         "",
-        f"{report.errors} errors, {report.warnings} warnings"
+        f"{count(report.errors, 'error')}, {count(report.warnings, 'warning')}"
         + (f", {report.accepted} accepted" if report.accepted else "")
         + f" · profile {used.profile}, {filtered}, contact within "
         f"{used.contact_tolerance_m * 100:.2g} cm, friction {used.friction:g}",

@@ -27,6 +27,10 @@ from physretarget.validation import Report
 
 Array = NDArray[np.float64]
 
+BALANCED = 0.1
+"""Mean unexplained wrench, in body weights, below which a clip counts as in balance: rule DYN001
+warns from 0.1 on in a single frame."""
+
 _STAGE_NOTES = {
     "mapped": "poses from the key poses, on the spot",
     "placed": "travel and turn from the actor's momentum",
@@ -224,7 +228,7 @@ def _numbers(result: Retargeted) -> tuple[KeyNumber, ...]:
                 unit="BW",
                 note=f"{before:.2f} BW before; pose moved by "
                 f"{100 * np.sqrt(np.mean(balanced.moved**2)) / height:.1f} % of height",
-                good=bool(after <= before),
+                good=bool(after <= BALANCED),
             )
         )
     return tuple(numbers)
