@@ -137,7 +137,7 @@ def _choose(page: Page, file: Any) -> None:
             return
 
 
-def _long_clip(frames: int = 12_000) -> dict[str, Any]:
+def _long_clip(frames: int = 60_000) -> dict[str, Any]:
     """A lamp that looks around for long: its job takes seconds."""
     with np.load(_EXAMPLES / "lamp-look.npz") as known:
         qpos, names = known["qpos"], tuple(str(n) for n in known["joint_names"])
