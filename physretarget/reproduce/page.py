@@ -18,6 +18,7 @@ from physretarget.report.words import duration, number
 from physretarget.reproduce import drawing, scenes, tables
 from physretarget.reproduce.plan import STYLES, Take
 from physretarget.reproduce.results import Results
+from physretarget.reproduce.stills import stills
 from physretarget.reproduce.store import Piece
 from physretarget.reproduce.studies import SHOWN_DIMS
 from physretarget.reproduce.takes import STRIP
@@ -222,7 +223,10 @@ def _strip(title: str, kind: str, name: str, rows: Any, times: Any) -> dict[str,
         "kind": kind,
         "character": name,
         "scene": scenes.strip(title, rows, times),
-        "rows": [{"figure": k, "label": label, "note": ""} for k, (label, _, _) in enumerate(rows)],
+        "rows": [
+            {"figure": k, "label": label, "note": "", "still": still}
+            for k, ((label, _, _), still) in enumerate(zip(rows, stills(rows), strict=True))
+        ],
     }
 
 

@@ -4,7 +4,7 @@
   /**
    * @param root element to fill
    * @param data the scene's data
-   * @param options rows: [{figure, label, note}], times: [s], onpick(time)
+   * @param options rows: [{figure, label, note, still}], times: [s], onpick(time)
    */
   physretarget.filmstrip = function filmstrip(root, data, { rows, times, onpick }) {
     const sheet = document.createElement("canvas");
@@ -33,7 +33,7 @@
       const head = cellOf("fs-label", row.label);
       if (row.note) head.append(Object.assign(document.createElement("small"), { textContent: row.note }));
       table.append(head);
-      times.forEach((time) => {
+      times.forEach((time, column) => {
         const cell = document.createElement("button");
         cell.type = "button";
         cell.className = "fs-cell";
@@ -42,6 +42,9 @@
         canvas.width = size.width * ratio;
         canvas.height = size.height * ratio;
         canvas.setAttribute("aria-label", cell.title);
+        if (row.still) { // painted beforehand, seen until the canvas is drawn over it
+          cell.style.background = `url(${row.still}) ${(100 * column) / Math.max(times.length - 1, 1)}% 0 / ${100 * times.length}% 100%`;
+        }
         cell.append(canvas);
         cell.addEventListener("click", () => onpick && onpick(time));
         table.append(cell);
@@ -76,6 +79,7 @@
       const pen = canvas.getContext("2d");
       pen.clearRect(0, 0, canvas.width, canvas.height);
       pen.drawImage(sheet, 0, 0);
+      canvas.parentElement.style.background = ""; // the still has done its work
     }
     let next = 0;
     function some() {
