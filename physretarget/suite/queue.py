@@ -82,8 +82,8 @@ _COLUMNS = tuple(jobs.c[field.name] for field in fields(JobRecord))
 
 
 def new_id() -> str:
-    """26 characters that sort by time of making, to the millisecond, and cannot be guessed."""
-    number = (time.time_ns() // 1_000_000) << 80 | secrets.randbits(80)
+    """26 characters that sort by time of making, to the microsecond, and cannot be guessed."""
+    number = (time.time_ns() * 1024 // 1_000_000) << 70 | secrets.randbits(70)
     return "".join(_ALPHABET[number >> shift & 31] for shift in range(125, -1, -5))
 
 
