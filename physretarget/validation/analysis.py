@@ -30,7 +30,7 @@ Ints = NDArray[np.int64]
 Progress = Callable[[int, int], None]  # frames done, frames in all
 
 # Longer ones are faster by the overhead of array operations and take more memory.
-CHUNK = 1536
+CHUNK = 1024
 # Beyond this the time axis is not uniform (rounding of text files stays below).
 _UNIFORM = 1e-3
 # 3 % of the CoM height, within 1 and 2 cm: soles of robots and captures lie that far off.
