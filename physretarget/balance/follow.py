@@ -8,8 +8,8 @@ from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from physretarget import kinematics
 from physretarget.balance.hold import CHUNK, Hold
-from physretarget.balance.metric import joint_weights
 from physretarget.balance.settings import BalanceSettings
+from physretarget.contact.carry import joint_weights
 from physretarget.contact.clearance import surface_points
 from physretarget.kinematics import PointTargets
 from physretarget.mjcf import Character
@@ -138,7 +138,7 @@ def _solved(
         targets,
         lower=character.lower,
         upper=character.upper,
-        prior_weight=joint_weights(character, settings),
+        prior_weight=joint_weights(character, settings.joint),
         iterations=6,
         damping=1e-4,
         tolerance=1e-5,

@@ -16,6 +16,7 @@ from physretarget import kinematics
 from physretarget.balance.centroidal import centroidal
 from physretarget.balance.hold import Hold
 from physretarget.balance.settings import BalanceSettings
+from physretarget.contact.carry import joint_weights
 from physretarget.mjcf import Character
 
 Array = NDArray[np.float64]
@@ -39,13 +40,6 @@ def scale(character: Character) -> Array:
     """(6,) momentum over this is an excursion's rate: m h, and m h² for the angular part."""
     h = character.com_height
     return character.mass * np.array([h, h, h, h * h, h * h, h * h])
-
-
-def joint_weights(character: Character, settings: BalanceSettings) -> Array:
-    """(nv,) weights of the joints' changes against 1 for a marker; the free root has none."""
-    weight = np.full(character.tree.nv, settings.joint * character.height**2)
-    weight[character.root_dof : character.root_dof + 6] = 0.0
-    return weight
 
 
 def metric(
@@ -89,7 +83,7 @@ def _chunk(
     weight = np.concatenate([np.ones((len(poses), len(markers))), hold.weight[part]], axis=1)
     stiffness = kinematics.stiffness(character.tree, poses, pose, body, local, weight)
     diagonal = np.einsum("tii->ti", stiffness)
-    diagonal += joint_weights(character, settings) + stops[part]
+    diagonal += joint_weights(character, settings.joint) + stops[part]
     diagonal += 1e-9 * diagonal.max(axis=1, keepdims=True)
     stiffness /= len(markers) * character.height**2
     yielding = np.linalg.solve(stiffness, np.swapaxes(matrix, 1, 2))  # K⁻¹ Aᵀ

@@ -184,18 +184,26 @@ def followed(
             targets.append(PointTargets(under, sole.under, path, every))
     if lifted is not None:
         targets.append(lifted)
-    # Joints that the points leave undetermined (the twist of a straight leg) stay put.
-    prior = np.full(character.tree.nv, settings.joint_weight * character.height**2)
-    if character.has_root:
-        prior[character.root_dof : character.root_dof + 6] = 0.0
     return kinematics.solve(
         character.tree,
         qpos,
         targets,
         lower=character.lower,
         upper=character.upper,
-        prior_weight=prior,
+        # Joints that the points leave undetermined (the twist of a straight leg) stay put.
+        prior_weight=joint_weights(character, settings.joint_weight),
         iterations=iterations,
         damping=SOFT,
         tolerance=1e-4,
     ).qpos
+
+
+def joint_weights(character: Character, weight: float) -> Floats:
+    """(nv,) what changes of joints weigh against 1 for a marker, ``weight`` per rad² and height².
+
+    The free root has none.
+    """
+    weights = np.full(character.tree.nv, weight * character.height**2)
+    if character.has_root:
+        weights[character.root_dof : character.root_dof + 6] = 0.0
+    return weights

@@ -92,7 +92,7 @@ class _LatentTracker:
         self.both = np.concatenate([model.actor.inverse, model.actor.scatter])
         scatter = model.character.scatter
         moment = scatter * (model.latent @ model.latent.T)
-        self.decoding = np.concatenate([model.character.inverse, moment, scatter])
+        self.decoding = np.concatenate([moment, scatter])
         self.count = count
         self.x: Array | None = None
         self.led: Array | None = None
@@ -148,7 +148,7 @@ class _LatentTracker:
         bump = self.character.bump(x)
         k = bump + kernel.offset
         explained = float(k @ (model.character.inverse @ k))
-        spread = self.decoding[count:] @ bump
+        spread = self.decoding @ bump
         square = float(bump @ spread[:count])
         square -= 2.0 * float((bump * (model.latent @ x)) @ spread[count:])
         square += float(x @ x) * float(bump @ spread[count:])

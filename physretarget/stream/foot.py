@@ -38,7 +38,6 @@ CLOSING = 3.0
 """The time to the nearest stance changes at most so many times as fast as time itself."""
 FASTEST = 1.2
 """Corrections change no faster than this times sqrt(g · height)."""
-GRAVITY = 9.81
 STRAYED = 0.2
 """A base that carries both feet takes a new place when it is so far off, in heights."""
 SEAM = 0.06
@@ -455,7 +454,8 @@ class Foot:
 
     def _lasts(self, gap: Array) -> float:
         """The shortest time for a change of the correction, s."""
-        return math.hypot(gap[0], gap[1]) / (FASTEST * math.sqrt(GRAVITY * self.height))
+        fastest = FASTEST * math.sqrt(self.settings.gravity * self.height)
+        return math.hypot(gap[0], gap[1]) / fastest
 
     def _arc(
         self, time: float, down: float, target: Footing, throw: tuple[float, float] | None

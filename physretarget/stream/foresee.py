@@ -24,7 +24,6 @@ __all__ = ["Course", "Flight", "Going", "Habit", "Sample", "Seen"]
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-GRAVITY = 9.81
 MEMORY = 1.2
 """How much of the past stances are formed from, s."""
 HORIZON = 1.5
@@ -315,7 +314,8 @@ class Seen:
 class Flight:
     """How long the actor stays in the air: a body that is thrown comes down as it went up."""
 
-    def __init__(self) -> None:
+    def __init__(self, gravity: float) -> None:
+        self.gravity = gravity  # m/s²
         self.height = 0.0
         self.speed = 0.0
         self.began = -math.inf
@@ -342,11 +342,11 @@ class Flight:
             return 0.0, None
         if self.speed > self.fastest:  # the floor still pushes, whatever the feet look like
             self.began, self.fastest = time, self.speed
-        fall = self.speed * self.speed + 2.0 * GRAVITY * (height - self.height)
-        left = (self.speed + math.sqrt(max(fall, 0.0))) / GRAVITY
+        fall = self.speed * self.speed + 2.0 * self.gravity * (height - self.height)
+        left = (self.speed + math.sqrt(max(fall, 0.0))) / self.gravity
         if self.speed < 0.0:  # by now the feet show where the floor is
-            fall = self.speed * self.speed + 2.0 * GRAVITY * touch.clearance
-            left = (self.speed + math.sqrt(fall)) / GRAVITY
+            fall = self.speed * self.speed + 2.0 * self.gravity * touch.clearance
+            left = (self.speed + math.sqrt(fall)) / self.gravity
         first, last = sorted(self.stood, key=self.stood.__getitem__)
         alone = self.stood[last] - self.stood[first] > ALONE
         return max(left, 1e-3), last if alone else None

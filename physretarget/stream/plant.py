@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from physretarget.capture.actor import CONTACT_POINTS
 from physretarget.contact import ContactSettings
-from physretarget.contact.carry import swivels
+from physretarget.contact.carry import joint_weights, swivels
 from physretarget.contact.soles import sole_of, standing_bodies, turning_limit
 from physretarget.mjcf import Character, Points
 from physretarget.stream.body import Body, Solver
@@ -87,7 +87,7 @@ class Planter:
         self.seen_at = self.started = -math.inf
         self.rates, self.turning = np.zeros(5), 0.0
         self.planned_at = -math.inf
-        self.flight = Flight()
+        self.flight = Flight(self.settings.gravity)
         self.borne_at = -math.inf
         self.reached = np.zeros((len(character.contacts), 3))
         self.held = np.zeros(len(character.contacts), dtype=bool)
@@ -109,7 +109,7 @@ class Planter:
 
     def _solvers(self) -> None:
         character, markers = self.character, self.character.markers
-        prior = np.full(character.tree.nv, self.settings.joint_weight * character.height**2)
+        prior = joint_weights(character, self.settings.joint_weight)
         if self.own is not None:
             keep = np.flatnonzero(markers.body != character.root_body)
             self.carried = Points(
@@ -129,8 +129,6 @@ class Planter:
         points = Points(tuple(names), np.concatenate(bodies), np.concatenate(local))
         # A leg that is stretched to a place out of its reach is singular.
         self.solver = Solver(character, points, steps=2, longest=0.3)
-        if character.has_root:
-            prior[character.root_dof : character.root_dof + 6] = 0.0
         self.solver.hold(prior)
         self.weight = np.ones(len(points))
         self.target = np.zeros((len(points), 3))

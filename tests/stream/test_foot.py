@@ -68,7 +68,7 @@ def test_one_tilt_is_projected_as_many_are(name: str) -> None:
 
 
 def test_a_throw_lands_when_it_must() -> None:
-    flight, step = Flight(), 1 / 60
+    flight, step = Flight(9.81), 1 / 60
     nothing = np.zeros(len(CONTACT_POINTS), dtype=bool)
     infinite = np.full(len(CONTACT_POINTS), np.inf)
     speed, landed = 2.0, 2 * 2.0 / 9.81
