@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from physretarget.errors import SolverError
+from physretarget.ocp.cones import solve
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -232,19 +232,5 @@ def _padded(block: sparse.csr_array, before: int, total: int) -> sparse.csr_arra
 def _solved(
     quadratic: Any, slope: Array, matrix: sparse.csc_array, bound: Array, cones: list[object]
 ) -> Array:
-    options = clarabel.DefaultSettings()
-    options.verbose = False
-    options.max_threads = 1
-    options.tol_gap_abs = options.tol_gap_rel = options.tol_feas = _ACCURATE
-    found = clarabel.DefaultSolver(
-        sparse.csc_matrix(sparse.triu(quadratic)),
-        slope,
-        sparse.csc_matrix(matrix),
-        bound,
-        cones,
-        options,
-    ).solve()
-    status = str(found.status)
-    if status not in ("Solved", "AlmostSolved"):
-        raise SolverError(f"the convex programme of the balance ended as {status}")
-    return np.asarray(found.x, dtype=np.float64)
+    upper = sparse.triu(quadratic)
+    return solve("balance", upper, slope, matrix, bound, cones, tolerance=_ACCURATE).x

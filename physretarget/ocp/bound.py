@@ -15,6 +15,7 @@ from scipy import sparse
 
 from physretarget.errors import SolverError
 from physretarget.ocp.basis import Basis, sparse_of
+from physretarget.ocp.cones import solve
 from physretarget.ocp.problem import Scene, lowest_displacement
 from physretarget.ocp.settings import RootHeightSettings
 
@@ -99,7 +100,7 @@ def _window_bound(
     quadratic = sparse.diags_array(
         np.concatenate([np.full(count, 1e-9), np.ones(frames)]), format="csc"
     )
-    x, _, _ = _solve(quadratic, np.zeros(matrix.shape[1]), matrix, bound, cones)
+    x, _, _ = solve("root height", quadratic, np.zeros(matrix.shape[1]), matrix, bound, cones)
     return float(np.sum(x[count:] ** 2))
 
 
@@ -185,7 +186,9 @@ def _cone_piece(piece: _Piece, settings: RootHeightSettings) -> Convex:
     cones += [clarabel.SecondOrderConeT(3)] * forces
     weights = np.concatenate([np.full(unknowns, settings.weights), np.ones(residuals)])
     quadratic = sparse.diags_array(weights, format="csc")
-    x, status, used = _solve(quadratic, np.zeros(matrix.shape[1]), matrix, bound, cones)
+    x, status, used = solve(
+        "root height", quadratic, np.zeros(matrix.shape[1]), matrix, bound, cones
+    )
     force = np.zeros((scene.frames, 3))
     np.add.at(force, at, x[count:unknowns].reshape(-1, 3) * scene.weight)
     return Convex(x[:count], force, status, used)
@@ -264,23 +267,3 @@ def _shape_rows(
     moved = piece.displacement
     constants = [near * moved, smooth * piece.acceleration, draw * (lowest + moved)]
     return sparse.csr_array(stacked), np.concatenate(constants)
-
-
-def _solve(
-    quadratic: sparse.csc_array,
-    linear: Array,
-    matrix: sparse.csc_array,
-    bound: Array,
-    cones: list[object],
-) -> tuple[Array, str, int]:
-    options = clarabel.DefaultSettings()
-    options.verbose = False
-    options.max_threads = 1
-    solver = clarabel.DefaultSolver(
-        sparse.csc_matrix(quadratic), linear, sparse.csc_matrix(matrix), bound, cones, options
-    )
-    found = solver.solve()
-    status = str(found.status)
-    if status not in ("Solved", "AlmostSolved"):
-        raise SolverError(f"the convex programme of the root height ended as {status}")
-    return np.asarray(found.x, dtype=np.float64), status, int(found.iterations)
