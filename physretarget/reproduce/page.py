@@ -218,14 +218,16 @@ def _strips(results: Results, characters: dict[str, Character]) -> list[dict[str
 
 
 def _strip(title: str, kind: str, name: str, rows: Any, times: Any) -> dict[str, Any]:
+    scene = scenes.strip(title, rows, times)
+    painted = stills(rows, [figure.height for figure in scene.figures])
     return {
         "title": title,
         "kind": kind,
         "character": name,
-        "scene": scenes.strip(title, rows, times),
+        "scene": scene,
         "rows": [
             {"figure": k, "label": label, "note": "", "still": still}
-            for k, ((label, _, _), still) in enumerate(zip(rows, stills(rows), strict=True))
+            for k, ((label, _, _), still) in enumerate(zip(rows, painted, strict=True))
         ],
     }
 

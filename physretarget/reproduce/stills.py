@@ -10,7 +10,6 @@ import base64
 import io
 from collections.abc import Sequence
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
@@ -20,7 +19,6 @@ from physretarget.keyposes import actor_character_of_reference
 from physretarget.keyposes.picture import Camera, painter
 from physretarget.kinematics import forward
 from physretarget.mjcf import Character
-from physretarget.mjcf.reference import lowest_and_highest
 
 __all__ = ["stills"]
 
@@ -33,30 +31,21 @@ AZIMUTH, ELEVATION, HALF, AIM = 143.4, -13.0, 0.66, 0.47
 """The camera of filmstrip.js: degrees; half of what it sees and what it aims at, in heights."""
 
 
-def stills(rows: Sequence[tuple[str, Character | None, Array]]) -> list[str]:
+def stills(
+    rows: Sequence[tuple[str, Character | None, Array]], heights: Sequence[float]
+) -> list[str]:
     """A data URI per row: its pictures side by side. Empty texts where nothing can be drawn.
 
-    ``rows``: label, character (None for the actor), poses (K, nq).
+    ``rows``: label, character (None for the actor), poses (K, nq); ``heights`` m that their
+    pictures have room for.
     """
-    figures = [(character or actor_character_of_reference(), poses) for _, character, poses in rows]
-    size = {id(figure): 0.0 for figure, _ in figures}  # one for all rows, or a crouch looks large
-    for figure, poses in figures:
-        size[id(figure)] = max(size[id(figure)], _tallest(figure, poses))
     try:
-        return [_row(figure, poses, size[id(figure)]) for figure, poses in figures]
+        return [
+            _row(character or actor_character_of_reference(), poses, height)
+            for (_, character, poses), height in zip(rows, heights, strict=True)
+        ]
     except NoRenderingError:  # then the browser's own drawing is all there is
         return ["" for _ in rows]
-
-
-def _tallest(figure: Character, poses: Array) -> float:
-    """Height of the tallest pose, m, from its lowest point to its highest."""
-    data, most = mujoco.MjData(figure.model), 0.0
-    for qpos in poses:
-        data.qpos[:] = qpos
-        mujoco.mj_kinematics(figure.model, data)
-        low, high = lowest_and_highest(figure.model, data, figure.bodies)
-        most = max(most, high - low)
-    return most
 
 
 def _row(figure: Character, poses: Array, size: float) -> str:
