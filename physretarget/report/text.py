@@ -30,8 +30,7 @@ def render_text(report: Report, *, width: int = 110, color: bool = False, most: 
     if report.findings:
         console.print(_findings(report, most))
     console.print(_measures(report))
-    if "; measures at " in report.settings.derivative:
-        console.print("Measures are taken at 30 instants a second, findings at every frame.")
+    console.print(f"Derivatives: {report.settings.derivative}.")
     if report.literature:
         console.print(_literature(report))
     _coverage(console, report)

@@ -33,7 +33,7 @@ from physretarget.validation.report import (
 from physretarget.validation.series import Shown
 
 DERIVATIVE = "central differences, second order"
-MEASURED = f"; measures at {MEASURED_HZ:g} frames/s"
+MEASURED = f"; measures at {MEASURED_HZ:g} frames/s, findings at every frame"
 # Per-frame arrays that timelines show, by the names they have there.
 _SERIES = {
     "unexplained_force_bw": "unexplained_force",
