@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, get_args
 
 import typer
 
 from physretarget import capture, contact, momentum, ocp
+from physretarget.capture.actor import ActorMotion
 from physretarget.cli import app
 from physretarget.cli.common import command, complete, fail, one_of, progress, say
 from physretarget.errors import PhysretargetError, UsageError
@@ -31,6 +35,63 @@ KeyposesOption = Annotated[
 DimsOption = Annotated[int, typer.Option("--dims", min=1, help="Latent dimension of sgplvm.")]
 SeedOption = Annotated[
     int, typer.Option("--seed", min=0, help="Of the mapper's start.", metavar="N")
+]
+
+OutOption = Annotated[
+    Path, typer.Option("--out", help="Clip file, or a folder for several captures.")
+]
+MapperOption = Annotated[
+    str,
+    typer.Option(
+        "--mapper",
+        help="Name of a mapper, or a file from learn.",
+        metavar="|".join(NAMES) + "|MAPPER.npz",
+    ),
+]
+UntilOption = Annotated[str, typer.Option("--until", help="Last stage.", **complete(STAGES))]
+PhysicsOption = Annotated[
+    str, typer.Option("--physics", help="Root-height preset.", **complete(ocp.PRESETS))
+]
+HeadingOption = Annotated[
+    str, typer.Option("--heading", help="Where yaw comes from.", **complete(HEADINGS))
+]
+TailOption = Annotated[
+    str,
+    typer.Option(
+        "--tail",
+        help="Joints that the model names as passive: mapped, or simulated as springs.",
+        **complete(TAILS),
+    ),
+]
+ContactsOption = Annotated[
+    Path | None,
+    typer.Option("--contacts", help="Contact phases set by hand (TOML).", metavar="FILE"),
+]
+FpsOption = Annotated[
+    float | None,
+    typer.Option("--fps", help="The clip's frame rate (default: the capture's, up to 60)."),
+]
+LowpassOption = Annotated[
+    float, typer.Option("--lowpass", help="Low-pass of the capture in Hz; 0 for none.")
+]
+UnitOption = Annotated[
+    str | None,
+    typer.Option(
+        "--unit",
+        help="The capture's length unit, if not to be guessed.",
+        metavar="m|cm|mm|inch",
+    ),
+]
+UpOption = Annotated[
+    str | None,
+    typer.Option("--up", help="The capture's up axis, if not to be guessed.", metavar="[-]x|y|z"),
+]
+SkeletonOption = Annotated[
+    Path | None, typer.Option("--skeleton", help="ASF file of an AMC capture.")
+]
+MassOption = Annotated[float | None, typer.Option("--mass", help="The actor's mass in kg.")]
+ReportOption = Annotated[
+    Path | None, typer.Option("--report", help="Folder for an HTML report with replay.")
 ]
 
 
@@ -72,75 +133,26 @@ def _learn(
 def retarget_command(
     captures: Annotated[list[Path], typer.Argument(metavar="CAPTURE...")],
     character: CharacterOption,
-    out: Annotated[
-        Path, typer.Option("--out", help="Clip file, or a folder for several captures.")
-    ],
+    out: OutOption,
     keyposes: KeyposesOption = None,
-    mapper: Annotated[
-        str,
-        typer.Option(
-            "--mapper",
-            help="Name of a mapper, or a file from learn.",
-            metavar="|".join(NAMES) + "|MAPPER.npz",
-        ),
-    ] = "sgplvm",
+    mapper: MapperOption = "sgplvm",
     dims: DimsOption = 30,
-    until: Annotated[str, typer.Option("--until", help="Last stage.", **complete(STAGES))] = (
-        "balanced"
-    ),
-    physics: Annotated[
-        str, typer.Option("--physics", help="Root-height preset.", **complete(ocp.PRESETS))
-    ] = "default",
-    heading: Annotated[
-        str, typer.Option("--heading", help="Where yaw comes from.", **complete(HEADINGS))
-    ] = "actor",
-    tail: Annotated[
-        str,
-        typer.Option(
-            "--tail",
-            help="Joints that the model names as passive: mapped, or simulated as springs.",
-            **complete(TAILS),
-        ),
-    ] = "mapped",
-    contacts: Annotated[
-        Path | None,
-        typer.Option("--contacts", help="Contact phases set by hand (TOML).", metavar="FILE"),
-    ] = None,
-    fps: Annotated[
-        float | None,
-        typer.Option("--fps", help="The clip's frame rate (default: the capture's, up to 60)."),
-    ] = None,
-    lowpass: Annotated[
-        float, typer.Option("--lowpass", help="Low-pass of the capture in Hz; 0 for none.")
-    ] = 6.0,
-    unit: Annotated[
-        str | None,
-        typer.Option(
-            "--unit",
-            help="The capture's length unit, if not to be guessed.",
-            metavar="m|cm|mm|inch",
-        ),
-    ] = None,
-    up: Annotated[
-        str | None,
-        typer.Option(
-            "--up", help="The capture's up axis, if not to be guessed.", metavar="[-]x|y|z"
-        ),
-    ] = None,
-    skeleton: Annotated[
-        Path | None, typer.Option("--skeleton", help="ASF file of an AMC capture.")
-    ] = None,
-    mass: Annotated[float | None, typer.Option("--mass", help="The actor's mass in kg.")] = None,
+    until: UntilOption = "balanced",
+    physics: PhysicsOption = "default",
+    heading: HeadingOption = "actor",
+    tail: TailOption = "mapped",
+    contacts: ContactsOption = None,
+    fps: FpsOption = None,
+    lowpass: LowpassOption = 6.0,
+    unit: UnitOption = None,
+    up: UpOption = None,
+    skeleton: SkeletonOption = None,
+    mass: MassOption = None,
     seed: SeedOption = 0,
-    report: Annotated[
-        Path | None, typer.Option("--report", help="Folder for an HTML report with replay.")
-    ] = None,
+    report: ReportOption = None,
 ) -> None:
     """Turn captures into clips of a character."""
-    one_of(until, STAGES, "--until")
-    one_of(physics, ocp.PRESETS, "--physics")
-    one_of(heading, HEADINGS, "--heading")
-    one_of(tail, TAILS, "--tail")
+    settings = _settings(until, physics, heading, tail, fps, lowpass, seed)
     targets = _targets(captures, out)
     model = _mobile(character)
     trained = (
@@ -148,7 +160,79 @@ def retarget_command(
         if mapper.endswith(".npz")
         else _named(mapper, model, keyposes, dims, seed)
     )
-    settings = RetargetSettings(
+    job = _Job(
+        trained=trained,
+        settings=settings,
+        phases=contact.read_phases(contacts) if contacts else None,
+        load=partial(capture.load, unit=unit, up=up, skeleton=skeleton, mass=mass),
+    )
+    if failed := _each(job, captures, targets, _folders(captures, targets, out, report)):
+        raise typer.Exit(failed)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Job:
+    """What all captures of one call share."""
+
+    trained: TrainedMapper
+    settings: RetargetSettings
+    phases: contact.Phases | None
+    load: Callable[[Path], ActorMotion]
+
+    def run(
+        self, path: Path, target: Path, folder: Path | None, step: Callable[[str], None]
+    ) -> Retargeted:
+        """Write the clip of one capture, and its report where a folder is given."""
+        step("read")
+        result = retarget(
+            self.load(path), self.trained, settings=self.settings, phases=self.phases, progress=step
+        )
+        result.clip.save(target)
+        if folder:
+            step("report")
+            judged = validate(result.clip, self.trained.character)
+            write_retarget_report(result, self.trained, judged, folder)
+        return result
+
+
+def _each(job: _Job, captures: list[Path], targets: list[Path], folders: list[Path | None]) -> int:
+    """Capture after capture; of several, those that cannot be used only set the exit code."""
+    # Reading, preparing, mapping and posing come before the first stage that can be the last.
+    steps = 4 + STAGES.index(job.settings.until) + (folders[0] is not None)
+    code = 0
+    for number, (path, target, folder) in enumerate(
+        zip(captures, targets, folders, strict=True), start=1
+    ):
+        count = f"{number}/{len(captures)} " if len(captures) > 1 else ""
+        try:
+            with progress(count + path.name, steps=steps) as step:
+                result = job.run(path, target, folder, step)
+        except PhysretargetError as error:
+            if len(captures) == 1:
+                raise
+            fail(error)
+            code = error.exit_code
+            continue
+        _tell(result, target)
+        if folder:
+            say(f"{folder / 'report.html'}: the report.")
+    return code
+
+
+def _settings(
+    until: str,
+    physics: str,
+    heading: str,
+    tail: str,
+    fps: float | None,
+    lowpass: float,
+    seed: int,
+) -> RetargetSettings:
+    one_of(until, STAGES, "--until")
+    one_of(physics, ocp.PRESETS, "--physics")
+    one_of(heading, HEADINGS, "--heading")
+    one_of(tail, TAILS, "--tail")
+    return RetargetSettings(
         until=until,  # type: ignore[arg-type]
         physics=physics,  # type: ignore[arg-type]
         heading=heading,  # type: ignore[arg-type]
@@ -157,33 +241,6 @@ def retarget_command(
         lowpass_hz=lowpass or None,
         seed=seed,
     )
-    phases = contact.read_phases(contacts) if contacts else None
-    failed = 0
-    # Reading, preparing, mapping and posing come before the first stage that can be the last.
-    steps = 4 + STAGES.index(settings.until) + bool(report)
-    for number, (path, target) in enumerate(zip(captures, targets, strict=True), start=1):
-        count = f"{number}/{len(captures)} " if len(captures) > 1 else ""
-        try:
-            with progress(count + path.name, steps=steps) as step:
-                step("read")
-                motion = capture.load(path, unit=unit, up=up, skeleton=skeleton, mass=mass)
-                result = retarget(motion, trained, settings=settings, phases=phases, progress=step)
-                result.clip.save(target)
-                if report:
-                    step("report")
-                    folder = report / path.stem if target != out else report
-                    write_retarget_report(result, trained, validate(result.clip, model), folder)
-        except PhysretargetError as error:
-            if len(captures) == 1:
-                raise
-            fail(error)
-            failed += 1
-            continue
-        _tell(result, target)
-        if report:
-            say(f"{folder / 'report.html'}: the report.")
-    if failed:
-        raise typer.Exit(2)
 
 
 def _mobile(character: Path) -> Character:
@@ -216,6 +273,16 @@ def _targets(captures: list[Path], out: Path) -> list[Path]:
                 f"both clips would be {target}, so give them folders of their own."
             )
     return targets
+
+
+def _folders(
+    captures: list[Path], targets: list[Path], out: Path, report: Path | None
+) -> list[Path | None]:
+    """Where each capture's report goes: the folder told, or one in it where clips get one too."""
+    return [
+        report / path.stem if report and target != out else report
+        for path, target in zip(captures, targets, strict=True)
+    ]
 
 
 def _named(
