@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -20,8 +21,9 @@ from physretarget.mapping import NAMES
 from physretarget.mjcf import Character
 from physretarget.pipeline import STAGES, TAILS, Retargeted, RetargetSettings, retarget
 from physretarget.report.retarget import write_retarget_report
+from physretarget.report.text import one_line
 from physretarget.trained import TrainedMapper, check_mobile, learn
-from physretarget.validation import validate
+from physretarget.validation import Report, validate
 
 HEADINGS = get_args(momentum.Heading)
 
@@ -181,18 +183,19 @@ class _Job:
 
     def run(
         self, path: Path, target: Path, folder: Path | None, step: Callable[[str], None]
-    ) -> Retargeted:
-        """Write the clip of one capture, and its report where a folder is given."""
+    ) -> tuple[Retargeted, Report | None]:
+        """Write the clip of one capture; judge it for a report where a folder is given."""
         step("read")
         result = retarget(
             self.load(path), self.trained, settings=self.settings, phases=self.phases, progress=step
         )
         result.clip.save(target)
-        if folder:
-            step("report")
-            judged = validate(result.clip, self.trained.character)
-            write_retarget_report(result, self.trained, judged, folder)
-        return result
+        if folder is None:
+            return result, None
+        step("report")
+        judged = validate(result.clip, self.trained.character)
+        write_retarget_report(result, self.trained, judged, folder)
+        return result, judged
 
 
 def _each(job: _Job, captures: list[Path], targets: list[Path], folders: list[Path | None]) -> int:
@@ -200,13 +203,14 @@ def _each(job: _Job, captures: list[Path], targets: list[Path], folders: list[Pa
     # Reading, preparing, mapping and posing come before the first stage that can be the last.
     steps = 4 + STAGES.index(job.settings.until) + (folders[0] is not None)
     code = 0
+    made: list[Path] = []
     for number, (path, target, folder) in enumerate(
         zip(captures, targets, folders, strict=True), start=1
     ):
         count = f"{number}/{len(captures)} " if len(captures) > 1 else ""
         try:
             with progress(count + path.name, steps=steps) as step:
-                result = job.run(path, target, folder, step)
+                result, judged = job.run(path, target, folder, step)
         except PhysretargetError as error:
             if len(captures) == 1:
                 raise
@@ -214,9 +218,19 @@ def _each(job: _Job, captures: list[Path], targets: list[Path], folders: list[Pa
             code = error.exit_code
             continue
         _tell(result, target)
-        if folder:
-            say(f"{folder / 'report.html'}: the report.")
+        if judged and folder:
+            say(f"{target}: {one_line(judged)}")
+            say(f"{folder / 'report.html'}: the report, with a replay.")
+        made.append(target)
+    if made and folders[0] is None:
+        say(_how_to_judge(made, job.trained.character))
     return code
+
+
+def _how_to_judge(clips: list[Path], character: Character) -> str:
+    """The command that gives the verdict on clips that nobody has judged."""
+    words = ["physretarget", "validate", *map(str, clips), "--model", str(character.path)]
+    return f"{'Are they' if len(clips) > 1 else 'Is it'} plausible? {shlex.join(words)}"
 
 
 def _settings(

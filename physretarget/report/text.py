@@ -38,6 +38,19 @@ def render_text(report: Report, *, width: int = 110, color: bool = False, most: 
     return "\n".join(line.rstrip() for line in out.getvalue().splitlines()) + "\n"
 
 
+def one_line(report: Report) -> str:
+    """The verdict with the worst finding and its place in time, for after a clip was made."""
+    text = (
+        f"{'plausible' if report.passed else 'not plausible'}, "
+        f"{count(report.errors, 'error')} and {count(report.warnings, 'warning')}"
+    )
+    if not report.findings:
+        return f"{text}."
+    worst = report.findings[0]
+    place = "" if worst.time_s is None else f" at {worst.time_s:.2f} s"
+    return f"{text}; the worst is {worst.code}{place}: {worst.message}."
+
+
 def _head(console: Console, report: Report) -> None:
     clip, model, used = report.clip, report.model, report.settings
     console.print(

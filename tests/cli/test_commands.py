@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 from itertools import pairwise
@@ -137,8 +139,33 @@ def test_retarget_says_where_the_report_is(run: Run, tmp_path: Path, good: Path)
         "retarget", good, *LAMP, "--out", tmp_path / "c.npz", "--report", tmp_path / "r",
     )  # fmt: skip
     assert got.code == 0
-    assert "report.html: the report." in got.err.replace("\n", " ")
+    assert "report.html: the report" in got.err.replace("\n", " ")
     assert (tmp_path / "r" / "report.html").is_file()
+
+
+@pytest.mark.parametrize("until", ["mapped", "balanced"])
+def test_retarget_ends_with_the_verdict(run: Run, tmp_path: Path, good: Path, until: str) -> None:
+    clip, folder = tmp_path / "c.npz", tmp_path / "r"
+    got = run("retarget", good, *LAMP, "--until", until, "--out", clip, "--report", folder)
+    judged = json.loads((folder / "report.json").read_text())
+    summary, findings = judged["summary"], judged["findings"]
+    (line,) = (each for each in got.err.splitlines() if "plausible" in each)
+    assert summary["passed"] == (until == "balanced"), "on the spot, its feet off the floor"
+    assert line.startswith(f"{clip}: {'' if summary['passed'] else 'not '}plausible, ")
+    assert f"{summary['errors']} error" in line
+    for worst in findings[:1]:
+        assert f"{worst['code']} at {worst['time_s']:.2f} s: {worst['message']}" in line
+
+
+def test_retarget_without_a_report_says_how_to_get_the_verdict(
+    run: Run, tmp_path: Path, good: Path
+) -> None:
+    twin, out = good.parent / "second bow.bvh", tmp_path / "clips"
+    twin.write_text(good.read_text())
+    got = run("retarget", good, twin, *LAMP, "--mapper", "pca", "--out", out)
+    words = shlex.split(got.err.splitlines()[-1].split("? ")[1])
+    assert words[:2] == ["physretarget", "validate"]
+    assert run(*words[1:]).out.count("frames/s") == 2
 
 
 def test_inspect_names_the_part_that_it_speaks_of(run: Run, tmp_path: Path) -> None:
