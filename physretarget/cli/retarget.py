@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -13,6 +14,7 @@ import typer
 
 from physretarget import capture, contact, momentum, ocp
 from physretarget.capture.actor import ActorMotion
+from physretarget.capture.skeleton import UNITS
 from physretarget.cli import app
 from physretarget.cli.common import command, complete, fail, one_of, progress, say
 from physretarget.errors import PhysretargetError, UsageError
@@ -22,9 +24,12 @@ from physretarget.mjcf import Character
 from physretarget.pipeline import STAGES, TAILS, Retargeted, RetargetSettings, retarget
 from physretarget.report.retarget import write_retarget_report
 from physretarget.report.text import one_line
+from physretarget.report.words import count
 from physretarget.trained import TrainedMapper, check_mobile, learn
 from physretarget.validation import Report, validate
 
+CAPTURE_ENDINGS = (".bvh", ".c3d", ".trc", ".amc", ".txt", ".json")
+DIMS = 30
 HEADINGS = get_args(momentum.Heading)
 
 CharacterOption = Annotated[
@@ -34,7 +39,14 @@ KeyposesOption = Annotated[
     list[Path] | None,
     typer.Option("--keyposes", help="Key pose file; may be given several times.", metavar="FILE"),
 ]
-DimsOption = Annotated[int, typer.Option("--dims", min=1, help="Latent dimension of sgplvm.")]
+DimsOption = Annotated[
+    int | None,
+    typer.Option(
+        "--dims",
+        min=1,
+        help=f"Latent dimensions of sgplvm and pca, fewer than key poses [default: {DIMS}].",
+    ),
+]
 SeedOption = Annotated[
     int, typer.Option("--seed", min=0, help="Of the mapper's start.", metavar="N")
 ]
@@ -80,8 +92,9 @@ UnitOption = Annotated[
     str | None,
     typer.Option(
         "--unit",
-        help="The capture's length unit, if not to be guessed.",
-        metavar="m|cm|mm|inch",
+        help="The capture's length unit, if not to be guessed; or metres per unit, as in 0.0254. "
+        "The CMU database's AMC files have cmu.",
+        metavar="|".join(UNITS) + "|METRES",
     ),
 ]
 UpOption = Annotated[
@@ -107,7 +120,7 @@ def learn_command(
     out: Annotated[Path, typer.Option("--out", metavar="MAPPER.npz", help="The file to write.")],
     keyposes: KeyposesOption = None,
     mapper: Annotated[str, typer.Option("--mapper", **complete(NAMES))] = "sgplvm",
-    dims: DimsOption = 30,
+    dims: DimsOption = None,
     seed: SeedOption = 0,
 ) -> None:
     """Learn a mapper from key poses, for retarget --mapper."""
@@ -119,11 +132,18 @@ def learn_command(
 
 
 def _learn(
-    character: Character, keyposes: list[Path] | None, mapper: str, dims: int, seed: int
+    character: Character, keyposes: list[Path] | None, mapper: str, dims: int | None, seed: int
 ) -> TrainedMapper:
     if not keyposes:
         raise UsageError("--keyposes FILE is needed to learn a mapper.")
-    return learn(character, load_keyposes(keyposes, character), mapper=mapper, dims=dims, seed=seed)
+    poses = load_keyposes(keyposes, character)
+    most = max(len(poses.poses) - 1, 1)
+    if dims is not None and dims > most:
+        raise UsageError(
+            f"--dims is {dims}; {len(poses.poses)} key poses differ in at most {most} dimensions, "
+            f"so {most} is the most."
+        )
+    return learn(character, poses, mapper=mapper, dims=dims or DIMS, seed=seed)
 
 
 @command(
@@ -138,7 +158,7 @@ def retarget_command(
     out: OutOption,
     keyposes: KeyposesOption = None,
     mapper: MapperOption = "sgplvm",
-    dims: DimsOption = 30,
+    dims: DimsOption = None,
     until: UntilOption = "balanced",
     physics: PhysicsOption = "default",
     heading: HeadingOption = "actor",
@@ -155,13 +175,10 @@ def retarget_command(
 ) -> None:
     """Turn captures into clips of a character."""
     settings = _settings(until, physics, heading, tail, fps, lowpass, seed)
+    _no_folders(captures)
     targets = _targets(captures, out)
     model = _mobile(character)
-    trained = (
-        TrainedMapper.load(mapper, model)
-        if mapper.endswith(".npz")
-        else _named(mapper, model, keyposes, dims, seed)
-    )
+    trained = _mapper(mapper, model, keyposes, dims, seed)
     job = _Job(
         trained=trained,
         settings=settings,
@@ -207,9 +224,9 @@ def _each(job: _Job, captures: list[Path], targets: list[Path], folders: list[Pa
     for number, (path, target, folder) in enumerate(
         zip(captures, targets, folders, strict=True), start=1
     ):
-        count = f"{number}/{len(captures)} " if len(captures) > 1 else ""
+        which = f"{number}/{len(captures)} " if len(captures) > 1 else ""
         try:
-            with progress(count + path.name, steps=steps) as step:
+            with progress(which + path.name, steps=steps) as step:
                 result, judged = job.run(path, target, folder, step)
         except PhysretargetError as error:
             if len(captures) == 1:
@@ -264,6 +281,21 @@ def _mobile(character: Path) -> Character:
     return model
 
 
+def _no_folders(captures: list[Path]) -> None:
+    """A folder is refused with what to write in its stead: the captures that are in it."""
+    for folder in filter(Path.is_dir, captures):
+        endings = Counter(path.suffix for path in folder.iterdir())
+        found = [end for end in endings if end.lower() in CAPTURE_ENDINGS]
+        if not found:
+            known = ", ".join(CAPTURE_ENDINGS)
+            raise UsageError(f"{folder} is a folder without captures ({known}): name the files.")
+        ending = min(found, key=lambda end: CAPTURE_ENDINGS.index(end.lower()))
+        raise UsageError(
+            f"{folder} is a folder: name the captures in it, as in {folder / f'*{ending}'} "
+            f"({count(endings[ending], 'file')}), with a folder as --out."
+        )
+
+
 def _ends_in_npz(out: Path) -> None:
     if out.suffix.lower() != ".npz":
         raise UsageError(f"--out is {str(out)!r}; it must end in .npz.")
@@ -299,11 +331,17 @@ def _folders(
     ]
 
 
-def _named(
-    mapper: str, model: Character, keyposes: list[Path] | None, dims: int, seed: int
+def _mapper(
+    mapper: str, model: Character, keyposes: list[Path] | None, dims: int | None, seed: int
 ) -> TrainedMapper:
-    one_of(mapper, NAMES, "--mapper (or a file that ends in .npz)")
-    return _learn(model, keyposes, mapper, dims, seed)
+    """Read where a file is told, learned where a name is."""
+    if not mapper.endswith(".npz"):
+        one_of(mapper, NAMES, "--mapper (or a file that ends in .npz)")
+        return _learn(model, keyposes, mapper, dims, seed)
+    for option, told in (("--keyposes", keyposes), ("--dims", dims)):
+        if told:
+            raise UsageError(f"{option} is for learning, but {mapper} has been learned already.")
+    return TrainedMapper.load(mapper, model)
 
 
 def _tell(result: Retargeted, target: Path) -> None:

@@ -56,15 +56,19 @@ def stream_command(
         typer.Option(
             "--delay",
             metavar="SECONDS",
-            min=0.0,
-            max=LONGEST_DELAY,
-            help="Poses come so much later than their frames, and nearer to retarget's.",
+            help="Poses come so much later than their frames, and nearer to retarget's; "
+            f"at most {LONGEST_DELAY:g}.",
         ),
     ] = 0.0,
 ) -> None:
     """Retarget frame by frame: JSON lines in, JSON lines out."""
     if listen and captured:
         raise UsageError("--listen and --capture are both given; one of them is allowed.")
+    if not 0 <= delay <= LONGEST_DELAY:
+        raise UsageError(
+            f"--delay is {delay:g} s; it must lie between 0 and {LONGEST_DELAY:g} s: looking "
+            "farther ahead than a few steps brings poses no nearer to retarget's, only later."
+        )
     model = Character.load(character) if character else _shipped(mapper)
     trained = TrainedMapper.load(mapper, model)
     with _calm():

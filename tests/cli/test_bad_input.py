@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from physretarget.cli import common
+from physretarget.keyposes import load_keyposes
+from physretarget.mjcf import Character
 
 from .conftest import LAMP, MODELS, Run, bvh_text
 
@@ -189,6 +191,7 @@ def test_a_mapper_of_another_character(run: Run, refused, tmp_path, good) -> Non
     other.write_text(text.replace('model="lamp"', 'model="torch"'))
     options = ("--mapper", mapper, "--out", tmp_path / "o.npz")
     refused("retarget", good, "--character", other, *options, says=r"lamp\.npz: learned for 'lamp'")
+    refused("retarget", good, *LAMP, *options, says=r"--keyposes is for learning, .*lamp\.npz")
     mapper.write_bytes(mapper.read_bytes()[:2000])
     refused("retarget", good, *LAMP[:2], *options, says=r"lamp\.npz: ")
 
@@ -205,6 +208,29 @@ def test_several_captures(run: Run, refused, tmp_path, good) -> None:
     assert got.code == 2
     assert "bad.bvh, frame 20" in got.err
     assert [p.name for p in (tmp_path / "clips").iterdir()] == ["bow.npz"]
+
+
+def test_a_folder_of_captures_is_told_how_to_name_them(run: Run, refused, tmp_path, good) -> None:
+    options = (*LAMP, *QUICK, "--out", tmp_path / "clips")
+    says = r"captures is a folder: name the captures.* (\S+\*\.bvh) \(1 file\)"
+    refused("retarget", good.parent, *options, says=says)
+    (good.parent / "LICENSE.txt").touch()
+    refused("retarget", good.parent, *options, says=says)
+    (tmp_path / "empty").mkdir()
+    refused("retarget", good, tmp_path / "empty", *options, says="folder without captures")
+
+
+def test_dimensions_that_key_poses_cannot_fill(refused, tmp_path, good) -> None:
+    poses = len(load_keyposes([Path(LAMP[3])], Character.load(LAMP[1])).poses)
+    says = rf"--dims is {poses}; {poses} key poses .* {poses - 1} is the most"
+    refused("retarget", good, *LAMP, "--dims", poses, "--out", tmp_path / "o.npz", says=says)
+    refused("learn", *LAMP, "--dims", poses, "--out", tmp_path / "m.npz", says=says)
+
+
+@pytest.mark.parametrize("delay", ["9", "-1", "nan"])
+def test_delays_of_no_use(refused, tmp_path, delay: str) -> None:
+    says = rf"--delay is {delay} s; it must lie between 0 and 5 s"
+    refused("stream", "--mapper", tmp_path / "m.npz", "--delay", delay, says=says)
 
 
 def test_validate(refused, tmp_path, good) -> None:
