@@ -338,10 +338,11 @@ def _mapper(
     if not mapper.endswith(".npz"):
         one_of(mapper, NAMES, "--mapper (or a file that ends in .npz)")
         return _learn(model, keyposes, mapper, dims, seed)
+    trained = TrainedMapper.load(mapper, model)
     for option, told in (("--keyposes", keyposes), ("--dims", dims)):
         if told:
             raise UsageError(f"{option} is for learning, but {mapper} has been learned already.")
-    return TrainedMapper.load(mapper, model)
+    return trained
 
 
 def _tell(result: Retargeted, target: Path) -> None:
