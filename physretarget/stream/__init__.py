@@ -24,6 +24,7 @@ from physretarget.stream.body import Body, Solver
 from physretarget.stream.place import Heading, Placer
 from physretarget.stream.plant import Planter
 from physretarget.stream.touch import Touch, Toucher
+from physretarget.stream.turns import about, quat_product
 from physretarget.trained import TrainedMapper
 
 __all__ = ["LONGEST_DELAY", "Posed", "Streamer"]
@@ -201,9 +202,8 @@ class Streamer:
     def _moved(self, qpos: Array, yaw: float, place: Array) -> Array:
         at = self.root
         moved = np.array(qpos)
-        c, s = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
         w, x, y, z = qpos[at + 3 : at + 7].tolist()
-        moved[at + 3 : at + 7] = (c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w)
+        moved[at + 3 : at + 7] = quat_product(about(yaw), (w, x, y, z))
         moved[at : at + 2] = place
         return moved
 

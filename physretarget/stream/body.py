@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget.mjcf import Character, Points
+from physretarget.stream.turns import Quat, matrix_quat
 
 __all__ = ["Body", "Solver"]
 
@@ -124,7 +125,7 @@ class Solver:
         self.below = _below(model.body_parentid)
         self.weight = np.zeros(len(points))
         self.mass = np.zeros((len(self.bodies), 1))
-        self.masses: dict[tuple[int, bytes], tuple[float, Array, Array, Array]] = {}
+        self.masses: dict[tuple[int, bytes], tuple[float, Array, Array, Quat]] = {}
         self.pull: Array = self.body.data.xfrc_applied
         self.centre: Array = self.body.data.xipos
         self.applied: Array = self.body.data.qfrc_applied
@@ -165,7 +166,7 @@ class Solver:
             model.body_inertia[body], model.body_iquat[body] = inertia, quat
         model.body_subtreemass[:] = self.below @ model.body_mass
 
-    def _mass(self, i: int) -> tuple[float, Array, Array, Array]:
+    def _mass(self, i: int) -> tuple[float, Array, Array, Quat]:
         """Mass, centre, principal inertia and axes of the points of one body, as weighed now."""
         w, at = self.weight[self.own[i]], self.points.local[self.own[i]]
         key = (i, w.tobytes())
@@ -177,9 +178,7 @@ class Solver:
             values, axes = np.linalg.eigh(np.trace(spread) * np.eye(3) - spread)
             if np.linalg.det(axes) < 0:
                 axes[:, 0] *= -1.0
-            quat = np.empty(4)
-            mujoco.mju_mat2Quat(quat, np.ascontiguousarray(axes).ravel())
-            self.masses[key] = mass, centre, np.maximum(values, 0.0), quat
+            self.masses[key] = mass, centre, np.maximum(values, 0.0), matrix_quat(axes)
         return self.masses[key]
 
     def hold(self, prior: Array) -> None:

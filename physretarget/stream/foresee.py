@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from physretarget.capture.actor import CONTACT_POINTS
 from physretarget.contact.sole import Sole
 from physretarget.stream.touch import Touch
+from physretarget.stream.turns import Quat
 
 __all__ = ["Course", "Flight", "Going", "Habit", "Sample", "Seen"]
 
@@ -85,7 +86,7 @@ class Sample:
     yaw: float
     tilt: Array
     active: Bools
-    quat: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    quat: Quat = (1.0, 0.0, 0.0, 0.0)
 
 
 @dataclass(eq=False)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget.features import INVERTED_COSINE
+from physretarget.stream.turns import turned
 
 __all__ = ["Heading", "Placer"]
 
@@ -63,19 +64,13 @@ class Placer:
         ``actor_com`` (3,) in the world; ``local_com`` (3,) of the character with its root over
         the origin and heading zero.
         """
-        own = _turned(local_com[:2], yaw)
+        own = turned(local_com[:2], yaw)
         if self.com is None or self.actor is None:
             self.com = own
         else:
             middle = 0.5 * (yaw + self.yaw)
-            way = _turned((actor_com - self.actor)[:2], -middle) * self.size[:2]
-            self.com = self.com + _turned(way, middle)
+            way = turned((actor_com - self.actor)[:2], -middle) * self.size[:2]
+            self.com = self.com + turned(way, middle)
         self.actor, self.yaw = np.array(actor_com), yaw
         result: Array = self.com - own
         return result
-
-
-def _turned(vector: Array, angle: float) -> Array:
-    cosine, sine = math.cos(angle), math.sin(angle)
-    x, y = vector
-    return np.array([cosine * x - sine * y, sine * x + cosine * y])

@@ -23,6 +23,7 @@ from physretarget.stream.body import Body, Solver
 from physretarget.stream.foot import START, Foot, Path
 from physretarget.stream.foresee import Flight, Going, Habit
 from physretarget.stream.touch import Touch
+from physretarget.stream.turns import matrix_quat
 
 __all__ = ["Planter"]
 
@@ -276,9 +277,7 @@ class Planter:
         assert foot is not None
         moved, at = np.array(placed), self.root
         moved[at : at + 3] = path.centre - path.rotation @ foot.sole.centre
-        quat = np.zeros(4)
-        mujoco.mju_mat2Quat(quat, np.ascontiguousarray(path.rotation).ravel())
-        moved[at + 3 : at + 7] = quat
+        moved[at + 3 : at + 7] = matrix_quat(path.rotation)
         back = -math.remainder(path.yaw, 2.0 * math.pi)
         if not self.swivels or abs(back) < 1e-6:
             return moved
@@ -315,7 +314,7 @@ class Planter:
             reached = self.reached[foot.sole.points]
             away = reached - path.prints
             self.held[foot.sole.points] = np.einsum("nc,nc->n", away, away) < NEAR**2
-            away = reached - path.points(foot.arms)
+            away = reached - path.points(foot.tread.arms)
             if np.einsum("nc,nc->n", away, away).max() > MISSED**2:
                 missed.append(foot)
         if not missed or self.own is not None:

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from physretarget.capture.actor import CONTACT_POINTS
-from physretarget.contact import ContactSettings
 from physretarget.contact.sole import TiltCone, allowed_tilt
 from physretarget.contact.soles import sole_of, standing_bodies
 from physretarget.demo import models_folder
@@ -14,7 +13,7 @@ from physretarget.errors import InputError
 from physretarget.keyposes import load_keyposes
 from physretarget.mjcf import Character
 from physretarget.stream import Streamer
-from physretarget.stream.foot import Foot
+from physretarget.stream.blend import Blend
 from physretarget.stream.foresee import Flight, Habit
 from physretarget.stream.touch import Touch
 from physretarget.trained import TrainedMapper, learn
@@ -24,30 +23,23 @@ def load(name: str) -> Character:
     return Character.load(models_folder() / f"{name}.xml")
 
 
-def foot_of(character: Character) -> Foot:
-    body = int(standing_bodies(character)[0])
-    height = character.height
-    return Foot(sole_of(character, body), Habit(), 0.6, 0.0, height, ContactSettings(), walks=True)
-
-
 def test_the_cubic_begun_anew_in_every_frame_is_that_of_eq_9() -> None:
-    foot = foot_of(load("penguin"))
-    foot.correction, foot.rate = np.zeros(7), np.zeros(7)
+    blend = Blend(0.8, 9.81, np.zeros(7))
     goal, step, lasts = np.linspace(-0.1, 0.1, 7), 1 / 60, 0.5
     for k in range(1, 31):
-        foot.correction = foot._approached(goal, step, lasts - (k - 1) * step, False)
+        blend.approach(goal, step, lasts - (k - 1) * step, linear=False)
         h = k * step / lasts
-        assert foot.correction == pytest.approx(h * h * (3 - 2 * h) * goal, abs=1e-9)
+        assert blend.value == pytest.approx(h * h * (3 - 2 * h) * goal, abs=1e-9)
 
 
 def test_a_cubic_whose_goal_changes_goes_on_without_a_kink() -> None:
-    foot = foot_of(load("penguin"))
-    foot.correction, foot.rate = np.zeros(7), np.zeros(7)
+    blend = Blend(0.8, 9.81, np.zeros(7))
     path, step = [], 1 / 60
     for k in range(30):
         goal = np.full(7, 0.05 if k < 15 else 0.08)
-        foot.correction = foot._approached(goal, step, 0.5 - k * step, False)
-        path.append(foot.correction[0])
+        blend.approach(goal, step, 0.5 - k * step, linear=False)
+        assert blend.value is not None
+        path.append(blend.value[0])
     speed = np.diff(path) / step
     assert np.abs(np.diff(speed)).max() < 0.07
     assert path[-1] == pytest.approx(0.08)
