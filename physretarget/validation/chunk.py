@@ -38,7 +38,6 @@ from numpy.typing import NDArray
 
 from physretarget import kinematics
 from physretarget.mjcf import Character, derivatives, required_wrench
-from physretarget.validation.cones import fit_forces
 from physretarget.validation.contacts import Touch, cop_outside, find_touch, lowest
 from physretarget.validation.declared import compare, standing
 from physretarget.validation.elsewhere import Elsewhere
@@ -49,10 +48,9 @@ from physretarget.validation.steps import judge_steps
 from physretarget.validation.support import (
     arrows,
     find_support,
-    prices,
+    fit_support,
     skate,
     sliding,
-    speeds,
 )
 from physretarget.validation.torque import TorqueLimits, contact_torque, without_stops
 
@@ -241,10 +239,9 @@ def _forces(
     both = poses if poses[1] is not poses[0] else poses[:1]
     stands = standing(chunk.declared, work.points, character.tree.nb)
     velocity = sliding(support, here, both, chunk.keep, chunk.step, work.tolerance, stands)
-    speed = speeds(velocity)
-    fit = fit_forces(
-        support.arm / height, support.mask, np.hstack([force, moment]), friction=work.friction,
-        rho=prices(support, speed, work.tolerance),
+    fit = fit_support(
+        support, np.hstack([force, moment]), velocity, friction=work.friction, height=height,
+        tolerance=work.tolerance,
     )  # fmt: skip
     series["unexplained_force"] = np.linalg.norm(fit.residual[:, :3], axis=1)
     series["unexplained_moment"] = np.linalg.norm(fit.residual[:, 3:], axis=1)

@@ -21,6 +21,9 @@ _SLOWEST = 0.5
 # The third difference leaves out three frames at the ends, a tenth of a second at 30 frames/s: the
 # same time is left out at any rate, or a finer clip would show more of its ends.
 EDGE_S = 0.1
+# Finer clips are looked at over steps of this rate. A foot's blow lasts milliseconds: from 500
+# frames/s on, every step of a simulation would count as trembling. Tremor has 12 Hz at most.
+_RATE = 120.0
 _CUTS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 
 
@@ -35,18 +38,17 @@ def windowed_jerk(position: Floats, time: Floats, keep: slice, character: Charac
     ``jerk`` is the textbook's; ``jitter`` leaves single shocks out.
 
     ``position`` (T, nb, 3) with neighbours; nothing is returned for clips shorter than the
-    seven frames that the difference formula needs.
+    seven points that the difference formula needs.
     """
     frames = len(time)
     if frames < 7:
         return {}
     step = float(time[1] - time[0])
+    span = max(1, round(1 / (step * _RATE)))
+    if frames <= 6 * span:
+        return {}
+    jerk = _jerk(position, span, span * step)
     p = position
-    # Fourth-order third difference: exact enough that 30 and 120 Hz agree.
-    jerk = np.zeros_like(p)
-    jerk[3:-3] = (p[:-6] - 8 * p[1:-5] + 13 * p[2:-4] - 13 * p[4:-2] + 8 * p[5:-1] - p[6:]) / (
-        8 * step**3
-    )
     edge = edge_frames(1 / step)
     jerk[:edge], jerk[-edge:] = 0, 0
     speed = np.zeros(p.shape[:2])
@@ -70,6 +72,19 @@ def windowed_jerk(position: Floats, time: Floats, keep: slice, character: Charac
         series[name] = ratio[np.arange(len(ratio)), worst]
         series[f"{name}_body"] = bodies[worst]
     return series
+
+
+def _jerk(position: Floats, span: int, step: float) -> Floats:
+    """Third differences of fourth order over points ``span`` frames, ``step`` s, apart.
+
+    Exact enough that 30 and 120 Hz agree; zero at the ends, which have no neighbours.
+    """
+    inner = len(position) - 6 * span
+    p = [position[k * span : k * span + inner] for k in range(7)]
+    jerk = np.zeros_like(position)
+    jerk[3 * span : -3 * span] = p[0] - 8 * p[1] + 13 * p[2] - 13 * p[4] + 8 * p[5] - p[6]
+    jerk /= 8 * step**3
+    return jerk
 
 
 def _shifted(values: Floats, frames: float) -> Floats:

@@ -8,13 +8,13 @@ already: toes that follow the heel.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from physretarget.kinematics import Pose
-from physretarget.validation.cones import RHO
+from physretarget.validation.cones import RHO, ConeFit, fit_forces
 from physretarget.validation.contacts import Touch
 
 Floats = NDArray[np.float64]
@@ -31,6 +31,10 @@ _ARROWS = 4
 # the slowest touching point's: 1e-3 at 0.1 m/s, 0.1 at 1 m/s, where 1 would halve the force.
 _PRICE_PER_SPEED2 = 0.1
 _DEAREST = 1.0
+# Frames of which the fit leaves more than this (BW, BW h) are looked at again for bodies that
+# skid. Points whose price rose by this (0.1 m/s) count as sliding, and friction brakes them where
+# it takes a third of the power that the cone allows: a blow that ends the sliding needs no more.
+_WITHHELD_BW, _PRICE_OF_SLIDING, _BRAKED_BY_A_BLOW = 0.05, 1e-3, 1 / 3
 # What touches now comes before what touched a moment ago.
 _PRICE_OF_ABSENCE = 10 * RHO
 # A point that rises or sinks more than this per way along the floor, and more than the noise of
@@ -270,6 +274,43 @@ def prices(support: Support, speed: Floats, tolerance: float) -> Floats:
     beyond = np.where(support.own, speed - slowest, 0.0)
     price = RHO * (1 + 9 * above**2) + _PRICE_PER_SPEED2 * beyond**2
     return np.minimum(price + np.where(support.own, 0.0, _PRICE_OF_ABSENCE), _DEAREST)
+
+
+def fit_support(
+    support: Support,
+    wrench: Floats,
+    velocity: Floats,
+    *,
+    friction: float,
+    height: float,
+    tolerance: float,
+) -> ConeFit:
+    """Contact forces that explain the wrench (T, 6), in BW and BW h, resting points first.
+
+    The price of sliding withholds force from a body that lands while it slides along and another
+    one is at rest. Where the frame is explained better without it, and friction brakes what slides,
+    that is what physics has happen, and it is taken.
+    """
+    arm, speed = support.arm / height, speeds(velocity)
+    dear = prices(support, speed, tolerance)
+    fit = fit_forces(arm, support.mask, wrench, friction=friction, rho=dear)
+    cheap = prices(support, np.zeros_like(speed), tolerance)
+    left = np.linalg.norm(fit.residual, axis=1)
+    slides = dear - cheap > _PRICE_OF_SLIDING
+    again = np.flatnonzero((left > _WITHHELD_BW) & slides.any(axis=1))
+    if len(again) == 0:
+        return fit
+    other = fit_forces(
+        arm[again], support.mask[again], wrench[again], friction=friction, rho=cheap[again]
+    )
+    mine, along = np.where(slides[again, :, None], other.force, 0.0), velocity[again]
+    power = (mine[..., :2] * along).sum(axis=(1, 2))
+    most = friction * (mine[..., 2] * speed[again]).sum(axis=1)
+    better = np.linalg.norm(other.residual, axis=1) < left[again]
+    taken = np.flatnonzero(better & (power <= -_BRAKED_BY_A_BLOW * most))
+    force, residual = fit.force.copy(), fit.residual.copy()
+    force[again[taken]], residual[again[taken]] = other.force[taken], other.residual[taken]
+    return replace(fit, force=force, residual=residual)
 
 
 def skate(support: Support, force: Floats, velocity: Floats, friction: float) -> Series:

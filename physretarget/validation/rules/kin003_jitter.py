@@ -3,7 +3,8 @@
 What it does
 ------------
 Dimensionless jerk of every body's origin over a sliding window of 0.5 s: D^3 / v_peak^2 times
-the integral of squared jerk (Hogan and Sternad 2009).
+the integral of squared jerk (Hogan and Sternad 2009). Single shocks are left out, and clips
+finer than 120 frames/s are differenced over 1/120 s.
 
 Why it matters
 --------------
@@ -29,7 +30,7 @@ from physretarget.validation.rule import Limit, Limits, Rule, Verdict, exceeding
 def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     """A body trembles: its jerk is beyond voluntary motion."""
     if "jitter" not in analysis.has:
-        return Verdict(not_covered="jerk needs at least 7 frames")
+        return Verdict(not_covered="jerk needs at least 7 frames, and 50 ms")
     worst = analysis.ints("jitter_body")
     return exceeding(
         analysis, rule, analysis["jitter"], warning=limits["warning"], error=limits["error"],
