@@ -20,3 +20,16 @@ def data() -> Path:
     if folder is None:
         pytest.skip("no real captures: set PHYSRETARGET_DATA or put them in ../shared/data")
     return folder
+
+
+@pytest.fixture(scope="session")
+def motions() -> Path:
+    """The folder of the demo's captures, or a skip that names the extra they come with."""
+    # Most of the package comes along, which most tests do without.
+    from physretarget.demo import motions_folder
+    from physretarget.errors import MissingExtraError
+
+    try:
+        return motions_folder()
+    except MissingExtraError as error:
+        pytest.skip(str(error))

@@ -22,11 +22,8 @@ def test_without_the_extra_it_says_which(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("motions")
 def test_the_demo_shows_a_jump_and_a_dance(tmp_path: Path) -> None:
-    try:
-        demo.motions_folder()
-    except MissingExtraError as error:
-        pytest.skip(str(error))
     steps: list[str] = []
     index, shown = demo.run(tmp_path, progress=steps.append)
     assert [each.name for each in shown] == ["jump", "dance"]

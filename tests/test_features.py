@@ -1,9 +1,12 @@
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from physretarget import capture
 from physretarget.errors import InputError
 from physretarget.features import LocalFrame, local_frame, stack, unstack
 
@@ -88,13 +91,8 @@ def test_front_along_up_is_refused() -> None:
         local_frame(np.zeros((1, 3)), np.eye(3)[None], UP, UP)
 
 
-def test_a_recorded_backflip_never_turns_the_heading_round() -> None:
-    from pathlib import Path
-
-    from physretarget import capture
-
-    folder = Path(pytest.importorskip("pybullet_data").getDataPath()) / "data" / "motions"
-    motion = capture.load(folder / "humanoid3d_backflip.txt")
+def test_a_recorded_backflip_never_turns_the_heading_round(motions: Path) -> None:
+    motion = capture.load(motions / "humanoid3d_backflip.txt")
     rotation = Rotation.from_quat(motion.qpos[:, 3:7], scalar_first=True).as_matrix()
     assert rotation[:, 2, 2].min() < -0.8  # upside down it is
     yaw = local_frame(motion.qpos[:, :3], rotation, FRONT, UP).yaw

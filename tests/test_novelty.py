@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +10,7 @@ import pytest
 
 from physretarget import capture
 from physretarget.capture.actor import ActorMotion
-from physretarget.demo import models_folder, motions_folder
-from physretarget.errors import MissingExtraError
+from physretarget.demo import models_folder
 from physretarget.keyposes import load_keyposes
 from physretarget.mjcf import Character
 from physretarget.novelty import OTHER_POSTURE, SAME_ACTING, novelty
@@ -20,6 +20,7 @@ from physretarget.trained import TrainedMapper, learn
 from physretarget.validation import validate
 
 MODELS = models_folder()
+Motion = Callable[[str], ActorMotion]
 POSED = ("backflip", "cartwheel", "dance_a", "dance_b", "jump", "kick", "punch", "run", "walk")
 UNLIKE = ("crawl", "getup_facedown", "getup_faceup", "roll", "spin", "spinkick")
 
@@ -30,11 +31,10 @@ def mapper() -> TrainedMapper:
     return learn(lamp, load_keyposes([MODELS / "lamp.keyposes.toml"], lamp), mapper="nn3")
 
 
-def motion(name: str) -> ActorMotion:
-    try:
-        return capture.load(motions_folder() / f"humanoid3d_{name}.txt")
-    except MissingExtraError as error:
-        pytest.skip(str(error))
+@pytest.fixture(scope="module")
+def motion(motions: Path) -> Motion:
+    """Captures of the demo by their names."""
+    return lambda name: capture.load(motions / f"humanoid3d_{name}.txt")
 
 
 def mapped(acted: ActorMotion, mapper: TrainedMapper) -> Retargeted:
@@ -42,7 +42,7 @@ def mapped(acted: ActorMotion, mapper: TrainedMapper) -> Retargeted:
 
 
 @pytest.mark.parametrize("name", POSED)
-def test_what_was_posed_is_silent(name: str, mapper: TrainedMapper) -> None:
+def test_what_was_posed_is_silent(name: str, motion: Motion, mapper: TrainedMapper) -> None:
     result = mapped(motion(name), mapper)
     assert f"humanoid3d_{name}.txt" in mapper.sources
     assert result.warnings == ()
@@ -50,7 +50,7 @@ def test_what_was_posed_is_silent(name: str, mapper: TrainedMapper) -> None:
 
 
 @pytest.mark.parametrize("name", UNLIKE)
-def test_what_nobody_posed_is_told(name: str, mapper: TrainedMapper) -> None:
+def test_what_nobody_posed_is_told(name: str, motion: Motion, mapper: TrainedMapper) -> None:
     result = mapped(motion(name), mapper)
     assert f"humanoid3d_{name}.txt" not in mapper.sources
     (warning,) = result.warnings
@@ -61,13 +61,13 @@ def test_what_nobody_posed_is_told(name: str, mapper: TrainedMapper) -> None:
     assert result.novelty.distance[first : last + 1].min() > result.novelty.limit
 
 
-def test_the_report_says_it(mapper: TrainedMapper) -> None:
+def test_the_report_says_it(motion: Motion, mapper: TrainedMapper) -> None:
     result = mapped(motion("crawl"), mapper)
     page = retarget_data(result, mapper, validate(result.clip, result.character))
     assert result.warnings[0] in page.notes
 
 
-def test_other_key_poses_make_the_crawl_familiar() -> None:
+def test_other_key_poses_make_the_crawl_familiar(motion: Motion) -> None:
     squirrel = Character.load(MODELS / "squirrel.xml")
     poses = load_keyposes([MODELS / "squirrel.keyposes.toml"], squirrel)
     assert mapped(motion("crawl"), learn(squirrel, poses, mapper="nn3")).warnings == ()

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -9,8 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from physretarget import capture
-from physretarget.demo import models_folder, motions_folder
-from physretarget.errors import InputError, MissingExtraError, UsageError
+from physretarget.demo import models_folder
+from physretarget.errors import InputError, UsageError
 from physretarget.keyposes import load_keyposes
 from physretarget.kinematics import quat_multiply, rotvec_to_quat
 from physretarget.mjcf import Character
@@ -234,14 +235,10 @@ def test_refusals(squirrel: Character) -> None:
         RetargetSettings(tail="passive", until="placed")
 
 
-def test_the_pipeline_lets_it_swing(squirrel: Character) -> None:
-    try:
-        path = motions_folder() / "humanoid3d_walk.txt"
-    except MissingExtraError as error:
-        pytest.skip(str(error))
+def test_the_pipeline_lets_it_swing(squirrel: Character, motions: Path) -> None:
     keyposes = load_keyposes(models_folder() / "squirrel.keyposes.toml", squirrel)
     mapper = learn(squirrel, keyposes, mapper="gp")
-    motion = capture.load(path)
+    motion = capture.load(motions / "humanoid3d_walk.txt")
     result = retarget(motion, mapper, settings=RetargetSettings(tail="passive"))
     clip = result.clip
     assert result.contacted is not None

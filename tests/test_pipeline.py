@@ -9,8 +9,8 @@ import pytest
 from physretarget import capture, kinematics
 from physretarget.capture.actor import ActorMotion
 from physretarget.contact import detect_phases
-from physretarget.demo import models_folder, motions_folder
-from physretarget.errors import InputError, MissingExtraError, PhysretargetError, UsageError
+from physretarget.demo import models_folder
+from physretarget.errors import InputError, PhysretargetError, UsageError
 from physretarget.keyposes import load_keyposes
 from physretarget.mjcf import Character
 from physretarget.pipeline import STAGES, RetargetSettings, _longest_run, retarget
@@ -31,11 +31,8 @@ def mapper(lamp: Character) -> TrainedMapper:
 
 
 @pytest.fixture(scope="module")
-def jump() -> ActorMotion:
-    try:
-        return capture.load(motions_folder() / "humanoid3d_jump.txt")
-    except MissingExtraError as error:
-        pytest.skip(str(error))
+def jump(motions: Path) -> ActorMotion:
+    return capture.load(motions / "humanoid3d_jump.txt")
 
 
 @pytest.mark.parametrize("until", STAGES)
@@ -183,9 +180,9 @@ def test_every_real_capture_gives_a_clip_that_can_be_judged(data: Path, mapper, 
 
 
 @pytest.mark.slow
-def test_every_motion_of_the_wheel_gives_a_clip_or_a_reason(jump, mapper, lamp) -> None:
+def test_every_motion_of_the_wheel_gives_a_clip_or_a_reason(motions, mapper, lamp) -> None:
     refused = []
-    for path in sorted(motions_folder().glob("*.txt")):
+    for path in sorted(motions.glob("*.txt")):
         try:
             motion = capture.load(path)
         except InputError:

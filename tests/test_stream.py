@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from physretarget import capture, ik, kinematics
 from physretarget.capture.actor import CONTACT_POINTS, ActorMotion, ActorShape
 from physretarget.cli import stream as command
-from physretarget.demo import models_folder, motions_folder
-from physretarget.errors import InputError, MissingExtraError, UsageError
+from physretarget.demo import models_folder
+from physretarget.errors import InputError, UsageError
 from physretarget.features import features
 from physretarget.keyposes import load_keyposes
 from physretarget.mapping.track import track
@@ -38,12 +38,8 @@ def mapper(request: pytest.FixtureRequest) -> TrainedMapper:
 
 
 @pytest.fixture(scope="module")
-def jump() -> ActorMotion:
-    try:
-        path = motions_folder() / "humanoid3d_jump.txt"
-    except MissingExtraError as error:
-        pytest.skip(str(error))
-    return capture.load(path).on(ActorShape.reference())
+def jump(motions: Path) -> ActorMotion:
+    return capture.load(motions / "humanoid3d_jump.txt").on(ActorShape.reference())
 
 
 @pytest.fixture(scope="module")

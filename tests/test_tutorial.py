@@ -12,8 +12,6 @@ import numpy as np
 import pytest
 
 from physretarget.clip import load_clip
-from physretarget.demo import motions_folder
-from physretarget.errors import MissingExtraError
 from physretarget.mjcf import Character
 
 PAGE = Path(__file__).parents[1] / "docs" / "tutorial.md"
@@ -28,12 +26,8 @@ def test_there_are_fewer_than_ten_commands() -> None:
 
 
 @pytest.fixture(scope="module")
-def followed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder after all commands."""
-    try:
-        motions_folder()
-    except MissingExtraError as error:
-        pytest.skip(str(error))
+def followed(motions: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder after all commands, of which one reads a capture of the demo."""
     folder = tmp_path_factory.mktemp("tutorial")
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     for command in COMMANDS:

@@ -29,12 +29,6 @@ def write(tmp_path: Path):
     return put
 
 
-@pytest.fixture(scope="module")
-def motions() -> Path:
-    package = pytest.importorskip("pybullet_data")
-    return Path(package.getDataPath()) / "data" / "motions"
-
-
 def test_values_by_hand(write) -> None:
     bent = list(STILL)
     bent[20] = -np.pi / 2  # right knee

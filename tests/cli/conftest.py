@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from physretarget import cli
-from physretarget.demo import models_folder, motions_folder
-from physretarget.errors import MissingExtraError
+from physretarget.demo import models_folder
 
 MODELS = models_folder()
 LAMP = ("--character", str(MODELS / "lamp.xml"), "--keyposes", str(MODELS / "lamp.keyposes.toml"))
@@ -42,15 +41,6 @@ def run(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> R
         return Outcome(int(code or 0), captured.out, captured.err)  # type: ignore[call-overload]
 
     return call
-
-
-@pytest.fixture(scope="session")
-def motions() -> Path:
-    """Real captures that come with the demo's extra."""
-    try:
-        return motions_folder()
-    except MissingExtraError as error:
-        pytest.skip(str(error))
 
 
 JOINTS = (  # depth, name, offset in cm

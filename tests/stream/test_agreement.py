@@ -10,8 +10,6 @@ import pytest
 from benchmarks.stream import compared, learned, streamed
 from physretarget import capture
 from physretarget.capture.actor import ActorMotion, ActorShape
-from physretarget.demo import motions_folder
-from physretarget.errors import MissingExtraError
 from physretarget.pipeline import Retargeted, RetargetSettings, retarget
 from physretarget.trained import TrainedMapper
 
@@ -56,12 +54,8 @@ def check(name: str, motion: ActorMotion, mapper: TrainedMapper) -> None:
 
 
 @pytest.mark.parametrize("name", WHEEL)
-def test_stream_agrees_with_batch(name: str, mapper: TrainedMapper) -> None:
-    try:
-        path = motions_folder() / f"humanoid3d_{name}.txt"
-    except MissingExtraError as error:
-        pytest.skip(str(error))
-    check(name, prepared(path), mapper)
+def test_stream_agrees_with_batch(name: str, mapper: TrainedMapper, motions: Path) -> None:
+    check(name, prepared(motions / f"humanoid3d_{name}.txt"), mapper)
 
 
 @pytest.mark.parametrize("name", DATA)
