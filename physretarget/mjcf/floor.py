@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget.errors import InputError
-from physretarget.mjcf.reference import geom_span, lowest_and_highest
+from physretarget.mjcf.reference import field_heights, geom_span, lowest_and_highest
 
 __all__ = ["DEFAULT_FRICTION", "find_floor"]
 
@@ -93,13 +93,11 @@ def _flat_top(
                 top = geom_span(model, data, geom)[1]
                 tops.append((float(sides.prod()), geom, top))
     for geom in _of_kind(model, mujoco.mjtGeom.mjGEOM_HFIELD):
-        field = int(model.geom_dataid[geom])
-        first, count = model.hfield_adr[field], model.hfield_nrow[field] * model.hfield_ncol[field]
-        hills = np.ptp(model.hfield_data[first : first + count])
-        if _upward(data, geom)[2] > _LEVEL and hills == 0:
-            rise = float(model.hfield_data[first] * model.hfield_size[field, 2])
-            area = 4 * float(model.hfield_size[field, 0] * model.hfield_size[field, 1])
-            tops.append((area, geom, float(data.geom_xpos[geom, 2]) + rise))
+        heights = field_heights(model, geom)
+        if _upward(data, geom)[2] > _LEVEL and np.ptp(heights) == 0:
+            size = model.hfield_size[model.geom_dataid[geom]]
+            area = 4 * float(size[0] * size[1])
+            tops.append((area, geom, float(data.geom_xpos[geom, 2] + heights[0])))
         else:
             notes.append("the height field is not used as a floor")
     if not tops:

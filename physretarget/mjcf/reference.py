@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["body_radius", "geom_span", "lowest_and_highest", "tree_bodies"]
+__all__ = ["body_radius", "field_heights", "geom_span", "lowest_and_highest", "tree_bodies"]
 
 Array = NDArray[np.float64]
 
@@ -47,6 +47,14 @@ def geom_span(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> tuple[fl
     down, up = _reach(model, geom, data.geom_xmat[geom].reshape(3, 3)[2])
     centre = float(data.geom_xpos[geom, 2])
     return centre - down, centre + up
+
+
+def field_heights(model: mujoco.MjModel, geom: int) -> Array:
+    """Heights (nrow · ncol,) of a height field over the geom's origin, along its z axis (m)."""
+    field = int(model.geom_dataid[geom])
+    first, count = model.hfield_adr[field], model.hfield_nrow[field] * model.hfield_ncol[field]
+    heights: Array = model.hfield_data[first : first + count] * model.hfield_size[field, 2]
+    return heights
 
 
 def _reach(model: mujoco.MjModel, geom: int, up: Array) -> tuple[float, float]:

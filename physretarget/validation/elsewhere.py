@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget.mjcf import Character
-from physretarget.mjcf.reference import geom_span
+from physretarget.mjcf.reference import field_heights, geom_span
 
 Floats = NDArray[np.float64]
 Series = dict[str, NDArray[np.generic]]
@@ -105,8 +105,5 @@ def _top(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> float:
     if kind == mujoco.mjtGeom.mjGEOM_PLANE:
         return height if level else np.inf
     if kind == mujoco.mjtGeom.mjGEOM_HFIELD:
-        field = int(model.geom_dataid[geom])
-        first, count = model.hfield_adr[field], model.hfield_nrow[field] * model.hfield_ncol[field]
-        highest = float(model.hfield_data[first : first + count].max())
-        return height + highest * float(model.hfield_size[field, 2]) if level else np.inf
+        return height + float(field_heights(model, geom).max()) if level else np.inf
     return geom_span(model, data, geom)[1]
