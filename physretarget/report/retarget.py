@@ -57,7 +57,8 @@ def write_retarget_report(
     result.clip.save(folder / "clip.npz")
     write_file(folder / "report.json", render_json(report).encode())
     page = folder / "report.html"
-    write_file(page, render_retarget_html(retarget_data(result, mapper, report)).encode())
+    data = retarget_data(result, mapper, report)
+    write_file(page, render_retarget_html(data, painted=True).encode())
     return page
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from physretarget.replay.figures import figure
 from physretarget.replay.scene import Mark, Scene
@@ -18,13 +19,17 @@ from physretarget.report.document import (
 )
 from physretarget.report.page import contact_plots, finding_plots, render_page
 from physretarget.report.retarget_data import RetargetReport
+from physretarget.report.stills import Row, stills
 from physretarget.report.words import number
 
 STRIP_COLUMNS = 8
 
 
-def render_retarget_html(data: RetargetReport) -> str:
-    """The page of one retargeting: replay, stages, forces, momentum, latent space, findings."""
+def render_retarget_html(data: RetargetReport, *, painted: bool = False) -> str:
+    """The page of one retargeting: replay, stages, forces, momentum, latent space, findings.
+
+    ``painted``: the film strip is there before the browser has drawn it, where OpenGL works.
+    """
     document = None if data.report is None else as_document(data.report)
     marks = () if document is None else document_marks(document)
     scene = retarget_scene(data, marks)
@@ -52,7 +57,7 @@ def render_retarget_html(data: RetargetReport) -> str:
         scene,
         plots=[*force, *more, *momentum, *variance, *findings],
         latent=[plot.points for plot in latent],
-        strip=_strip(data),
+        strip=_strip(data, scene, painted=painted),
         context={
             "title": data.title,
             "capture": data.capture,
@@ -110,9 +115,10 @@ def retarget_scene(data: RetargetReport, marks: tuple[Mark, ...] = ()) -> Scene:
     return Scene(title=data.title, time=data.time, figures=figures, marks=marks, layout="split")
 
 
-def _strip(data: RetargetReport) -> dict[str, Any]:
+def _strip(data: RetargetReport, scene: Scene, *, painted: bool) -> dict[str, Any]:
+    """Actor and stages from top to bottom, each by its number in the scene, and the times."""
     last = len(data.stages) - 1
-    rows = [{"figure": 0, "label": "actor", "note": ""}]
+    rows: list[dict[str, Any]] = [{"figure": 0, "label": "actor", "note": ""}]
     rows += [
         # Figure 1 is the last stage, the earlier ones follow from 2.
         {"figure": 1 if k == last else k + 2, "label": stage.label, "note": stage.note}
@@ -122,7 +128,23 @@ def _strip(data: RetargetReport) -> dict[str, Any]:
     if times is None:
         part = (np.arange(STRIP_COLUMNS) + 0.5) / STRIP_COLUMNS
         times = tuple(float(t) for t in data.time[0] + part * (data.time[-1] - data.time[0]))
-    return {"rows": rows, "times": list(times)}
+    pictures = _stills(data, scene, rows, np.array(times)) if painted else [""] * len(rows)
+    shown = [row | {"still": still} for row, still in zip(rows, pictures, strict=True)]
+    return {"rows": shown, "times": list(times)}
+
+
+def _stills(
+    data: RetargetReport, scene: Scene, rows: list[dict[str, Any]], times: NDArray[np.float64]
+) -> tuple[str, ...]:
+    frames = np.abs(data.time[:, None] - times).argmin(axis=0)
+    motions = [data.actor_qpos, *(stage.qpos for stage in data.stages)]
+    models = [data.actor.model, *(data.character.model for _ in data.stages)]
+    return stills(
+        [
+            Row(model=model, qpos=qpos, figure=scene.figures[row["figure"]], frames=frames)
+            for row, model, qpos in zip(rows, models, motions, strict=True)
+        ]
+    )
 
 
 def _force_plots(data: RetargetReport) -> list[Chart]:

@@ -9,16 +9,17 @@ import numpy as np
 from markupsafe import Markup
 
 from physretarget import __version__
+from physretarget.keyposes import actor_character_of_reference
 from physretarget.mjcf import Character
 from physretarget.replay.payload import payload, script_json
 from physretarget.replay.scene import Scene
 from physretarget.replay.web import asset, player_css, player_scripts
 from physretarget.report.page import templates
+from physretarget.report.stills import Row, stills
 from physretarget.report.words import duration, number
 from physretarget.reproduce import drawing, scenes, tables
 from physretarget.reproduce.plan import STYLES, Take
 from physretarget.reproduce.results import Results
-from physretarget.reproduce.stills import stills
 from physretarget.reproduce.store import Piece
 from physretarget.reproduce.studies import SHOWN_DIMS
 from physretarget.reproduce.takes import STRIP
@@ -219,7 +220,18 @@ def _strips(results: Results, characters: dict[str, Character]) -> list[dict[str
 
 def _strip(title: str, kind: str, name: str, rows: Any, times: Any) -> dict[str, Any]:
     scene = scenes.strip(title, rows, times)
-    painted = stills(rows, [figure.height for figure in scene.figures])
+    actor = actor_character_of_reference()
+    painted = stills(
+        [
+            Row(
+                model=(character or actor).model,
+                qpos=poses,
+                figure=figure,
+                frames=np.arange(len(poses)),
+            )
+            for (_, character, poses), figure in zip(rows, scene.figures, strict=True)
+        ]
+    )
     return {
         "title": title,
         "kind": kind,

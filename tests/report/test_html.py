@@ -14,6 +14,7 @@ import pytest
 from physretarget.clip import Clip
 from physretarget.errors import UsageError
 from physretarget.mjcf import Character
+from physretarget.report import retarget_html
 from physretarget.report.charts import Chart, Series, finding_lanes, latent_plot, runs
 from physretarget.report.document import document_marks
 from physretarget.report.html import render_html
@@ -224,6 +225,23 @@ def test_the_clip_stands_beside_its_actor(retargeting) -> None:
     ]  # fmt: skip
     assert [row["figure"] for row in data["strip"]["rows"]] == [0, 2, 1]
     assert len(data["strip"]["times"]) == 8
+
+
+def test_a_painted_strip_has_a_still_for_every_row(retargeting, monkeypatch) -> None:
+    seen = []
+
+    def painted(rows):
+        seen.extend(rows)
+        return tuple(f"still {k}" for k in range(len(rows)))
+
+    monkeypatch.setattr(retarget_html, "stills", painted)
+    page = render_retarget_html(retargeting, painted=True)
+    rows = json.loads(Reader(page).data)["strip"]["rows"]
+    assert [row["still"] for row in rows] == ["still 0", "still 1", "still 2"]
+    assert [row.figure.name for row in seen] == ["Actor", "mapped", "Ball"]
+    assert [list(row.frames) for row in seen] == 3 * [[4, 11, 18, 26, 33, 41, 48, 55]]
+    page = render_retarget_html(retargeting)
+    assert {row["still"] for row in json.loads(Reader(page).data)["strip"]["rows"]} == {""}
 
 
 def test_a_retargeting_that_was_not_judged_says_so(retargeting) -> None:

@@ -7,22 +7,7 @@
    * @param options rows: [{figure, label, note, still}], times: [s], onpick(time)
    */
   physretarget.filmstrip = function filmstrip(root, data, { rows, times, onpick }) {
-    const sheet = document.createElement("canvas");
-    const renderer = physretarget.makeRenderer(sheet);
-    if (!renderer) {
-      root.textContent = "This browser offers no WebGL, so the film strip cannot be drawn.";
-      return;
-    }
-    const stage = new physretarget.Stage(data, renderer);
-    const camera = new THREE.PerspectiveCamera(28, 1, 0.01, 100);
-    camera.up.set(0, 0, 1);
-    const dark = matchMedia("(prefers-color-scheme: dark)");
-    stage.world.theme(dark.matches);
     const size = { width: 190, height: 176 }, ratio = Math.min(devicePixelRatio || 1, 2);
-    renderer.setPixelRatio(ratio);
-    renderer.setSize(size.width, size.height, false);
-    const shows = { forces: false, contacts: false, trail: false, ghost: false };
-
     const table = document.createElement("div");
     table.className = "fs-table";
     table.style.setProperty("--columns", times.length);
@@ -52,6 +37,24 @@
       });
     });
     root.replaceChildren(table);
+
+    const sheet = document.createElement("canvas");
+    const renderer = physretarget.makeRenderer(sheet);
+    if (!renderer) {
+      // What was painted beforehand stays; without it there is nothing to see.
+      if (!rows.some((row) => row.still)) {
+        root.textContent = "This browser offers no WebGL, so the film strip cannot be drawn.";
+      }
+      return;
+    }
+    const stage = new physretarget.Stage(data, renderer);
+    const camera = new THREE.PerspectiveCamera(28, 1, 0.01, 100);
+    camera.up.set(0, 0, 1);
+    const dark = matchMedia("(prefers-color-scheme: dark)");
+    stage.world.theme(dark.matches);
+    renderer.setPixelRatio(ratio);
+    renderer.setSize(size.width, size.height, false);
+    const shows = { forces: false, contacts: false, trail: false, ghost: false };
 
     function cellOf(name, text) {
       return Object.assign(document.createElement("div"), { className: name, textContent: text });
