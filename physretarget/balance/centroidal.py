@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget import kinematics
-from physretarget.kinematics.tree import screws
+from physretarget.kinematics.pose import screws
 from physretarget.mjcf import Character
 
 Array = NDArray[np.float64]

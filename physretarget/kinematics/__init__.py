@@ -9,6 +9,7 @@ ball joint rotates in its body's frame.
 
 from __future__ import annotations
 
+from physretarget.kinematics.pose import Pose, forward, jacobian, points, trajectories
 from physretarget.kinematics.rotations import (
     continuous,
     matrix_to_quat,
@@ -22,17 +23,7 @@ from physretarget.kinematics.rotations import (
     slerp,
 )
 from physretarget.kinematics.solver import PointTargets, Solution, solve, stiffness
-from physretarget.kinematics.tree import (
-    Joint,
-    Pose,
-    Tree,
-    difference,
-    forward,
-    integrate,
-    jacobian,
-    points,
-    trajectories,
-)
+from physretarget.kinematics.tree import Joint, Tree, difference, integrate
 
 __all__ = [
     "Joint",

@@ -9,17 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget.errors import UsageError
+from physretarget.kinematics.pose import Pose, forward, points, screws
 from physretarget.kinematics.rotations import Floats, rotvec_slope
-from physretarget.kinematics.tree import (
-    Ints,
-    Pose,
-    Tree,
-    difference,
-    forward,
-    integrate,
-    points,
-    screws,
-)
+from physretarget.kinematics.tree import Ints, Tree, difference, integrate
 
 Bools = NDArray[np.bool_]
 
