@@ -97,11 +97,13 @@ def _card(shown: Shown) -> Card:
     if physical is not None:
         facts.append(
             (
-                "vertical mismatch",
+                "vertical mismatch, by the root’s height",
                 f"{physical.mismatch_before:.1f} → {physical.mismatch_after:.1f} N RMS",
             )
         )
-    facts.append(("findings", f"{shown.report.errors} errors, {shown.report.warnings} warnings"))
+    facts.append(
+        ("the clip, judged", f"{shown.report.errors} errors, {shown.report.warnings} warnings")
+    )
     return Card(
         title=shown.name.capitalize(),
         page=shown.page,

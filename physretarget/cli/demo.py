@@ -10,6 +10,7 @@ import typer
 from physretarget import demo
 from physretarget.cli import app
 from physretarget.cli.common import command, progress
+from physretarget.report.text import one_line
 
 
 @command(app, "demo", example="physretarget demo --out physretarget-demo")
@@ -25,8 +26,8 @@ def demo_command(
         physical = each.result.physical
         assert physical is not None
         typer.echo(
-            f"{each.name}: {each.result.clip.duration:.2f} s of animation, vertical mismatch "
-            f"{physical.mismatch_before:.1f} N → {physical.mismatch_after:.1f} N RMS, "
-            f"{each.report.errors} errors, {each.report.warnings} warnings"
+            f"{each.name}: {each.result.clip.duration:.2f} s of animation; the root's height took "
+            f"the vertical mismatch from {physical.mismatch_before:.1f} N to "
+            f"{physical.mismatch_after:.1f} N RMS; the clip is {one_line(each.report)}"
         )
     typer.echo(f"Open {index.resolve()} in a browser.")

@@ -15,21 +15,17 @@ from physretarget.replay.clip import report_forces
 from physretarget.report.json import render_json
 from physretarget.report.retarget_data import (
     ForceCurves,
-    KeyNumber,
     LatentMap,
     MomentumCurves,
     RetargetReport,
     StageMotion,
 )
 from physretarget.report.retarget_html import render_retarget_html
+from physretarget.report.retarget_numbers import key_numbers
 from physretarget.trained import TrainedMapper
 from physretarget.validation import Report
 
 Array = NDArray[np.float64]
-
-BALANCED = 0.1
-"""Mean unexplained wrench, in body weights, below which a clip counts as in balance: rule DYN001
-warns from 0.1 on in a single frame."""
 
 _STAGE_NOTES = {
     "mapped": "poses from the key poses, on the spot",
@@ -85,7 +81,7 @@ def retarget_data(result: Retargeted, mapper: TrainedMapper, report: Report) -> 
         force=_forces(result),
         latent=_latent(result, mapper),
         pose_variance=_standard_deviation(result),
-        numbers=_numbers(result),
+        numbers=key_numbers(result),
         report=report,
         notes=result.notes,
         sections=_sections(result, mapper),
@@ -153,91 +149,6 @@ def _standard_deviation(result: Retargeted) -> Array | None:
     """Of each coordinate of the mapped features (T,), m; None where the mapper knows none."""
     variance = result.mapped.variance
     return None if np.isnan(variance).all() else np.sqrt(variance)
-
-
-def _numbers(result: Retargeted) -> tuple[KeyNumber, ...]:
-    height = result.character.height
-    numbers = []
-    if result.placed is not None:
-        error = 100 * result.placed.error
-        numbers.append(
-            KeyNumber(
-                label="Forward momentum",
-                value=_at_least(error),
-                unit="%",
-                note="RMS off its target",
-                good=error <= 2.0,
-            )
-        )
-    if result.contacted is not None:
-        numbers.append(
-            KeyNumber(
-                label="Planted points move",
-                value=_at_least(1000 * result.contacted.slide_max_m),
-                unit="mm",
-                note="at most, within a stance",
-                good=result.contacted.slide_max_m < 0.002,
-            )
-        )
-    if (physical := result.physical) is not None:
-        fall = physical.improvement
-        lift = float(np.abs(physical.displacement).max())
-        numbers += [
-            KeyNumber(
-                label="Vertical mismatch",
-                value=-100 * fall,
-                unit="%",
-                note=f"{physical.mismatch_before:.1f} N to {physical.mismatch_after:.1f} N RMS",
-                good=fall >= 0.6,
-            ),
-            KeyNumber(
-                label="Root displaced",
-                value=100 * lift / height,
-                unit="% of height",
-                note=f"{1000 * lift:.0f} mm at most",
-                good=lift <= 0.15 * height,
-            ),
-        ]
-        if np.isfinite(physical.bound_rms):
-            near = physical.bound_ratio < 100
-            numbers.append(
-                KeyNumber(
-                    label="Convex bound",
-                    value=_at_least(physical.bound_rms),
-                    unit="N",
-                    note=f"mismatch is {physical.bound_ratio:.1f} × as much"
-                    if near
-                    else "no displacement with these contacts gets below",
-                )
-            )
-        if np.isfinite(physical.ballistic_after):
-            numbers.append(
-                KeyNumber(
-                    label="Off ballistic flight",
-                    value=physical.ballistic_after,
-                    unit="m/s²",
-                    note=f"{physical.ballistic_before:.1f} before",
-                    good=physical.ballistic_after <= 1.0,
-                )
-            )
-    if (balanced := result.balanced) is not None:
-        before, after = balanced.unexplained_before.mean(), balanced.unexplained_after.mean()
-        numbers.append(
-            KeyNumber(
-                label="Out of balance",
-                value=_at_least(float(after)),
-                unit="BW",
-                note=f"{before:.2f} BW before; pose moved by "
-                f"{100 * np.sqrt(np.mean(balanced.moved**2)) / height:.1f} % of height",
-                good=bool(after <= BALANCED),
-            )
-        )
-    return tuple(numbers)
-
-
-def _at_least(value: float, smallest: float = 0.01) -> float | str:
-    """Figures below what matters are not worth their digits."""
-    return value if value >= smallest else f"< {smallest:g}"
 
 
 def _sections(result: Retargeted, mapper: TrainedMapper) -> dict[str, dict[str, object]]:

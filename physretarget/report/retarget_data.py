@@ -74,10 +74,14 @@ class LatentMap:
 
 @dataclass(frozen=True, kw_only=True)
 class KeyNumber:
-    """One tile: ``value`` with ``unit``; ``good`` colours it (None: no judgement)."""
+    """One tile: ``value`` with ``unit``; ``good`` colours it (None: no judgement).
+
+    ``stage`` is the one after which it was measured; "" for a number on the whole.
+    """
 
     label: str
     value: float | str
+    stage: str = ""
     unit: str = ""
     note: str = ""
     good: bool | None = None

@@ -16,6 +16,7 @@ from physretarget.report.document import (
     document_sections,
     facts,
     judgement,
+    measure_tiles,
 )
 from physretarget.report.page import contact_plots, finding_plots, render_page
 from physretarget.report.retarget_data import RetargetReport
@@ -66,6 +67,7 @@ def render_retarget_html(data: RetargetReport, *, painted: bool = False) -> str:
             "tiles": [
                 {
                     "label": item.label,
+                    "stage": item.stage,
                     "value": number(item.value),
                     "unit": item.unit,
                     "note": item.note,
@@ -74,6 +76,7 @@ def render_retarget_html(data: RetargetReport, *, painted: bool = False) -> str:
                 }
                 for item in data.numbers
             ],
+            "clip_tiles": [] if document is None else measure_tiles(document),
             "notes": data.notes,
             "force_plots": force,
             "more_plots": more,
@@ -153,8 +156,8 @@ def _force_plots(data: RetargetReport) -> list[Chart]:
     if force is None:
         return []
     pairs = {
-        "before": ("Before the optimisation", force.required_before, force.contact_before),
-        "after": ("After the optimisation", force.required_after, force.contact_after),
+        "before": ("Before, stage contacted", force.required_before, force.contact_before),
+        "after": ("After, stage physical", force.required_after, force.contact_after),
     }
     charts = []
     for when, (title, required, supplied) in pairs.items():

@@ -227,6 +227,16 @@ def test_the_clip_stands_beside_its_actor(retargeting) -> None:
     assert len(data["strip"]["times"]) == 8
 
 
+def test_every_number_says_of_what_it_is(retargeting) -> None:
+    tile = KeyNumber(label="Vertical mismatch", stage="physical", value=-94.0, unit="%")
+    page = render_retarget_html(replace(retargeting, numbers=(tile,)))
+    clip, way = page.split("The clip, as the validator measured it")[1].split("The way there", 1)
+    assert "Vertical force, highest" in clip
+    assert "Vertical mismatch <small>after physical</small>" in way
+    unjudged = render_retarget_html(replace(retargeting, numbers=(tile,), report=None))
+    assert "as the validator measured it" not in unjudged
+
+
 def test_a_painted_strip_has_a_still_for_every_row(retargeting, monkeypatch) -> None:
     seen = []
 
