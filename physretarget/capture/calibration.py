@@ -10,7 +10,7 @@ joint frame):
 * trunk: left from the hip joints or the shoulders, up from the rest pose if that is a standing
   human, else from the links of the spine;
 * head: faces where the chest faces, on average, along an axis of its own joint frame;
-* feet: level while they stand.
+* feet: level while they stand (:mod:`physretarget.capture.feet`).
 """
 
 from __future__ import annotations
@@ -21,16 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget.capture.directions import frame, in_frames, mean_direction, mean_rotation, swing
+from physretarget.capture.feet import foot_axes, stands
 from physretarget.capture.measure import Measured, unit
 from physretarget.capture.recording import Floats
 
 _DOWN = np.array([0.0, 0.0, -1.0])
 _LEFT = np.array([0.0, 1.0, 0.0])
 _UP = np.array([0.0, 0.0, 1.0])
-_STILL = 0.15  # m/s: a foot slower than this stands
-_LOW = 0.04  # m: and is this near to its lowest
 _BENT = np.radians(20.0)  # a knee or elbow bent more than this shows its hinge axis
-_TOE_BELOW = float(np.radians(30.0))  # the ball of the toes below the ankle, if no stance shows it
 _SNAP = np.cos(np.radians(30.0))
 
 
@@ -264,7 +262,7 @@ def _leg(
             left = loose if rest is None else _rest_left(measured, segment, following, rest)
         turn[segment] = _bone(measured, segment, following, left)
     if foot in measured.turn:
-        turn[foot] = measured.turn[foot] @ _foot(measured, turn[shank], side, rest, stance)
+        turn[foot] = measured.turn[foot] @ foot_axes(measured, turn[shank], side, rest, stance)
 
 
 def _arm(measured: Measured, turn: dict[str, Floats], side: str, rest: Floats | None) -> None:
@@ -307,69 +305,3 @@ def _forearm_left(
         return np.asarray(swing(first[None], second[None])[0] @ upper_left)
     way = unit(measured.centre[hand] - measured.centre[fore])
     return _zero_twist(turn[upper], measured.turn[fore], way)
-
-
-# ------------------------------------------------------------------------------------- feet
-
-
-def stands(measured: Measured, side: str) -> NDArray[np.bool_]:
-    """Frames (T,) in which a foot is slow and near its lowest."""
-    ankle = measured.centre[f"{side}_foot"]
-    points = [ankle, measured.end.get(f"{side}_foot", ankle)]
-    good = np.ones(len(ankle), dtype=np.bool_)
-    if len(ankle) < 3:
-        return good
-    for point in points:
-        speed = np.linalg.norm(np.gradient(point, 1 / measured.fps, axis=0), axis=1)
-        good &= speed < _STILL
-    low = points[1][:, 2]
-    if good.any():
-        good &= low < np.quantile(low[good], 0.1) + _LOW
-    return good
-
-
-def _foot(
-    measured: Measured,
-    shank: Floats,
-    side: str,
-    rest: Floats | None,
-    stance: NDArray[np.bool_],
-) -> Floats:
-    """The foot's axes in its joint frame: level while it stands, toes forward."""
-    foot = f"{side}_foot"
-    joint = measured.turn[foot]
-    if foot not in measured.end:
-        if rest is not None:
-            return rest
-        return mean_rotation(np.swapaxes(joint, 1, 2) @ shank)
-    toe = mean_direction(in_frames(joint, unit(measured.end[foot] - measured.centre[foot])))
-    up = _level(joint, stance, measured.fps)
-    if up is None or abs(up @ toe) > 0.85:
-        if rest is not None:
-            up = rest[:, 2]
-        else:
-            side_axis = mean_direction(in_frames(joint, shank[:, :, 1]))
-            across = unit(side_axis - (side_axis @ toe) * toe)
-            up = np.cross(toe, across)
-            below = _below_ankle(measured, foot, stance)
-            up = unit(up * np.cos(below) - toe * np.sin(below))
-    return frame(np.cross(up, toe), up)
-
-
-def _below_ankle(measured: Measured, foot: str, stance: NDArray[np.bool_]) -> float:
-    """How far (rad) the ball of the toes lies below the ankle, as seen from it, on level ground."""
-    if np.count_nonzero(stance) < max(3, 0.15 * measured.fps):
-        return _TOE_BELOW
-    way = unit(measured.end[foot][stance] - measured.centre[foot][stance])
-    angle = float(np.arcsin(np.clip(np.median(-way[:, 2]), -1.0, 1.0)))
-    return float(np.clip(angle, np.radians(5.0), np.radians(50.0)))
-
-
-def _level(joint: Floats, stance: NDArray[np.bool_], fps: float) -> Floats | None:
-    """The vertical in the foot's frame while it stands, if that is long enough and steady."""
-    if np.count_nonzero(stance) < max(3, 0.15 * fps):
-        return None
-    local = joint[stance][:, 2, :]  # R^T z
-    mean = mean_direction(local)
-    spread = np.median(np.arccos(np.clip(local @ mean, -1, 1)))
-    return mean if spread < np.radians(10) else None
