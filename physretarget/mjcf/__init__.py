@@ -10,6 +10,7 @@ from physretarget.mjcf.character import Character, Points
 from physretarget.mjcf.dynamics import (
     Momentum,
     RootWrench,
+    check_lowpass,
     derivatives,
     lowpass,
     momentum,
@@ -27,6 +28,7 @@ __all__ = [
     "RootWrench",
     "actor_character",
     "actor_xml",
+    "check_lowpass",
     "derivatives",
     "lowpass",
     "momentum",

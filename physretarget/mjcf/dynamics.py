@@ -97,6 +97,16 @@ def derivatives(character: Character, qpos: Array, time: Array) -> tuple[Array, 
     return qvel, qacc
 
 
+def check_lowpass(fps: float, hz: float) -> None:
+    """Raise UsageError where `hz` is not between 0 and half the frame rate."""
+    nyquist = 0.5 * fps
+    if not 0 < hz < nyquist:
+        raise UsageError(
+            f"a low-pass of {hz:g} Hz is not possible at {fps:g} frames per second: "
+            f"it must lie between 0 and {nyquist:g} Hz"
+        )
+
+
 def lowpass(character: Character, qpos: Array, fps: float, hz: float) -> Array:
     """Filter a clip by a zero-lag 4th-order Butterworth low-pass; returns qpos (T, nq).
 
@@ -110,12 +120,7 @@ def lowpass(character: Character, qpos: Array, fps: float, hz: float) -> Array:
         UsageError: `hz` is not between 0 and half the frame rate.
     """
     qpos = _checked(character, qpos)
-    nyquist = 0.5 * fps
-    if not 0 < hz < nyquist:
-        raise UsageError(
-            f"a low-pass of {hz:g} Hz is not possible at {fps:g} frames per second: "
-            f"it must lie between 0 and {nyquist:g} Hz"
-        )
+    check_lowpass(fps, hz)
     if len(qpos) < 3:
         return qpos.copy()
     smooth = qpos.copy()

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from physretarget.clip import Motion
 from physretarget.kinematics import slerp
-from physretarget.mjcf import Character
+from physretarget.mjcf import Character, check_lowpass
 from physretarget.validation.chunk import Workspace
 from physretarget.validation.declared import columns as contact_columns
 from physretarget.validation.grid import Grid, Poses
@@ -134,6 +134,8 @@ def analyse(
     work = Workspace.build(character, tolerance=tolerance, friction=friction)
     said = _declared(clip, character, time if len(uneven) else None)
     hz = settings.lowpass_hz
+    if hz is not None and len(time) > 1:
+        check_lowpass((len(time) - 1) / float(time[-1] - time[0]), hz)
     own = Grid(time, np.arange(len(time), dtype=np.float64), work, hz, poses, said)
     grids = [grid for grid in (own, own.resampled()) if grid is not None]
     done, instants = 0, sum(len(grid.time) for grid in grids)

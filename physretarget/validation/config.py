@@ -60,9 +60,17 @@ class Settings:
         )
 
     def limits_of(self, rule: Rule) -> Mapping[str, float]:
-        """A rule's limits under this profile, overrides applied."""
+        """A rule's limits under this profile, overrides applied.
+
+        An error told below the warning that was not told moves it down: a finding between the two
+        would otherwise be neither.
+        """
         values = {name: limit.under(self.profile) for name, limit in rule.limits.items()}
-        return {**values, **self.limits.get(rule.code, {})}
+        told = self.limits.get(rule.code, {})
+        values |= told
+        if "error" in told and "warning" not in told and "warning" in values:
+            values["warning"] = min(values["warning"], values["error"])
+        return values
 
 
 def check_codes(codes: tuple[str, ...], rules: tuple[Rule, ...]) -> None:
@@ -124,7 +132,10 @@ def _limits(table: dict[str, Any], rules: tuple[Rule, ...]) -> dict[str, dict[st
         for name, value in values.items():
             if name not in names:
                 raise UsageError(f"{code} has no limit '{name}': " + _valid(name, names))
-            read.setdefault(code, {})[name] = _number(f"limits.{code}.{name}", value)
+            number = _number(f"limits.{code}.{name}", value)
+            if number < 0:
+                raise UsageError(f"limits.{code}.{name} is {number:g}, 0 or more is needed.")
+            read.setdefault(code, {})[name] = number
     return read
 
 

@@ -90,6 +90,7 @@ def test_toml_sets_everything(tmp_path: Path, biped: Character, lifted: Clip) ->
         ("[limits.DYN001]\nwarn = 1", "has no limit 'warn'"),
         ("[limits.DYN77]\nwarning = 1", "no rule has the code"),
         ("[severity]\nDYN001 = 'fatal'", "error"),
+        ("[limits.DYN001]\nerror = -1", "0 or more"),
         ("limits = 3", "must be a table"),
         ("a = = 1", "not valid TOML"),
     ],
@@ -99,6 +100,26 @@ def test_toml_mistakes_name_what_is_valid(tmp_path: Path, text: str, message: st
     with pytest.raises(InputError, match=message) as caught:
         load_settings(path, RULES)
     assert caught.value.path == str(path)
+
+
+def test_an_error_told_below_the_warning_is_an_error(
+    tmp_path: Path, biped: Character, standing: Clip
+) -> None:
+    qpos = standing.qpos.copy()
+    qpos[:, 2] -= 0.003
+    sunk = replace(standing, qpos=qpos)
+    assert not validate(sunk, biped).findings
+    path = write(tmp_path / "c.toml", "[limits.CON001]\nerror = 0.002")
+    report = validate(sunk, biped, settings=load_settings(path, RULES))
+    assert [(f.code, f.severity, f.limit) for f in report.findings] == [("CON001", "error", 0.002)]
+
+
+def test_a_filter_that_the_frame_rate_does_not_bear_is_told(
+    biped: Character, standing: Clip
+) -> None:
+    slow = replace(standing, time=standing.time * standing.fps / 30)
+    with pytest.raises(UsageError, match="low-pass of 20 Hz"):
+        validate(slow, biped, settings=Settings(lowpass_hz=20))
 
 
 def test_profile_changes_limits(biped: Character, standing: Clip) -> None:
