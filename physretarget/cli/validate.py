@@ -124,24 +124,14 @@ def validate_command(
     settings = _settings(config, profile, lowpass, also)
     if joint_order is not None:
         one_of(joint_order, ORDERS, "--joint-order")
-    several = len(clips) > 1 or clips[0].is_dir()
     job = _Job(
         model=model, settings=settings, accepted=load_baseline(baseline) if baseline else None,
         format=format_, fps=fps, quat=quat, unit=unit, order=cast("JointOrder | None", joint_order),
     )  # fmt: skip
     _character(model)  # a broken model is one error, not one for every clip
-    reports: list[Report] = []
-    pages: list[_Outcome] = []
-    unusable = 0
-    for outcome in _outcomes(_files(clips), job, jobs):
-        if isinstance(outcome, PhysretargetError):
-            if not several:
-                raise outcome
-            fail(outcome)
-            unusable += 1
-            continue
-        reports.append(outcome.report)
-        pages.append(outcome)
+    several = len(clips) > 1 or clips[0].is_dir()
+    pages, unusable = _judged(_outcomes(_files(clips), job, jobs), several=several)
+    reports = [page.report for page in pages]
     if accept is not None:
         save_baseline(reports, accept)
         say(f"{accept}: {count(sum(len(r.findings) for r in reports), 'finding')} accepted.")
@@ -238,6 +228,26 @@ def _outcomes(paths: list[Path], job: _Job, jobs: int) -> Iterator[_Outcome | Ph
             for outcome in pool.map(partial(_from_elsewhere, job=job), paths):
                 yield PhysretargetError(outcome) if isinstance(outcome, str) else outcome
                 bar.advance(task)
+
+
+def _judged(
+    outcomes: Iterator[_Outcome | PhysretargetError], *, several: bool
+) -> tuple[list[_Outcome], int]:
+    """The outcomes of clips that could be judged, and how many could not.
+
+    One of ``several`` is told as it fails; one alone raises its error.
+    """
+    pages: list[_Outcome] = []
+    unusable = 0
+    for outcome in outcomes:
+        if isinstance(outcome, _Outcome):
+            pages.append(outcome)
+        elif several:
+            fail(outcome)
+            unusable += 1
+        else:
+            raise outcome
+    return pages, unusable
 
 
 def _files(clips: list[Path]) -> list[Path]:
