@@ -83,7 +83,7 @@ def _small(model: mujoco.MjModel) -> mujoco.MjModel:
     small = copy.copy(model)
     small.vis.global_.fovy = FOVY
     small.vis.global_.offwidth, small.vis.global_.offheight = WIDTH, HEIGHT
-    small.vis.quality.offsamples = 4
+    small.vis.quality.offsamples = 0  # the page shows them smaller, which smooths edges
     small.vis.quality.shadowsize = 0
     floor = small.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
     small.geom_matid[floor] = -1  # as plain as the page's own, which takes its place
