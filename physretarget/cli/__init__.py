@@ -31,7 +31,14 @@ class _Ordered(TyperGroup):
 app = typer.Typer(
     name="physretarget",
     cls=_Ordered,
-    help="Human motion capture to non-humanoid characters, and clips judged by physics.",
+    help="""Human motion capture to non-humanoid characters, and clips judged by physics.
+
+    A character is a MuJoCo model (MJCF). Key poses say in pairs: where the actor does this, the
+    character does that. A mapper is learned from them, and with it `retarget` turns a capture
+    (BVH, C3D, TRC, AMC, DeepMimic) into a clip, the character's motion. `validate` says of any
+    clip of a model whether it could happen.
+
+    Exit codes: 0 fine, 1 the judged thing failed, 2 unusable input or usage.""",
     epilog="Example: physretarget demo",
     no_args_is_help=True,
     pretty_exceptions_enable=False,

@@ -7,6 +7,7 @@ import inspect
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from typing import Annotated, Any, TypeVar
 
 import typer
@@ -41,6 +42,13 @@ class _Command(typer.core.TyperCommand):
             if isinstance(parameter, typer.core.TyperArgument):
                 # Its own name says what it is: CLIP..., MODEL.xml.
                 parameter.display_type_rich = lambda ctx: None  # type: ignore[method-assign]
+                if parameter.required:
+                    setattr(parameter, "get_usage_pieces", partial(_name_alone, parameter))  # noqa: B010
+
+
+def _name_alone(argument: typer.core.TyperArgument, _: object) -> list[str]:
+    """For the usage line, where Typer would write {CLIP...}... of a required one."""
+    return [argument.display_name_raw]
 
 
 def _named(annotation: Any) -> Any:

@@ -17,18 +17,28 @@ ORDERS = ("wxyz", "xyzw")
 
 @command(app, "convert", example="physretarget convert jump.npz jump.glb --model lamp.xml")
 def convert_command(
-    source: Annotated[Path, typer.Argument(metavar="IN")],
-    target: Annotated[Path, typer.Argument(metavar="OUT")],
+    source: Annotated[Path, typer.Argument(metavar="IN", help="The clip to read.")],
+    target: Annotated[
+        Path, typer.Argument(metavar="OUT", help="The file to write; its ending is its format.")
+    ],
     model: Annotated[
         Path | None,
         typer.Option("--model", help="The clip's model; bvh and glb need it.", metavar="MODEL.xml"),
     ] = None,
-    fps: Annotated[float | None, typer.Option("--fps", help="Of clips without a header.")] = None,
+    fps: Annotated[
+        float | None, typer.Option("--fps", help="Frames per second of IN, if it does not say.")
+    ] = None,
     quat: Annotated[
-        str | None, typer.Option("--quat", help="Quaternion order of IN.", **complete(ORDERS))
+        str | None,
+        typer.Option(
+            "--quat", help="Quaternion order of IN, if it does not say.", **complete(ORDERS)
+        ),
     ] = None,
     to_quat: Annotated[
-        str, typer.Option("--to-quat", help="Quaternion order of a csv.", **complete(ORDERS))
+        str,
+        typer.Option(
+            "--to-quat", help="Quaternion order of OUT, if it is a csv.", **complete(ORDERS)
+        ),
     ] = "xyzw",
     header: Annotated[
         bool, typer.Option("--header", help="Begin a csv with names, and give it a time column.")

@@ -27,7 +27,7 @@ from physretarget.files import write_file
 
 group = typer.Typer(
     help="Turn facial capture into an animator's sparse curves.",
-    epilog="Example: physretarget face library takes/*.anim --rig face.toml --out face.lib",
+    epilog="Example: physretarget face library takes/*.anim --rig face.toml --out style.npz",
     no_args_is_help=True,
 )
 app.add_typer(group, name="face")
@@ -35,21 +35,34 @@ app.add_typer(group, name="face")
 REDUCERS = ("decimate", "schneider")
 RigOption = Annotated[
     Path | None,
-    typer.Option("--rig", metavar="RIG.toml", help="Capture to rig channels; ARKit's by default."),
+    typer.Option(
+        "--rig", metavar="RIG.toml", help="From capture to rig channels [default: ARKit's]."
+    ),
 ]
-Out = Annotated[Path, typer.Option("--out", metavar="FILE", help="Suffix chooses the format.")]
-Fps = Annotated[float | None, typer.Option("--fps", help="Resample the capture first.")]
-Lips = Annotated[bool, typer.Option("--lips", help="Lips too; by default left to the capture.")]
+Out = Annotated[
+    Path, typer.Option("--out", metavar="FILE", help="Curves to write; the ending is the format.")
+]
+Fps = Annotated[
+    float | None, typer.Option("--fps", help="Resample the capture to this rate first.")
+]
+Lips = Annotated[
+    bool, typer.Option("--lips", help="Key the lips too, which are left to the capture.")
+]
 
 
 @command(
     group, "library", example="physretarget face library shots/ --rig girl.toml --out style.npz"
 )
 def library_command(
-    paths: Annotated[list[Path], typer.Argument(metavar="PATHS...")],
-    out: Annotated[Path, typer.Option("--out", metavar="LIB.npz")],
+    paths: Annotated[
+        list[Path], typer.Argument(metavar="SHOT...", help="Keyed curves, or folders of them.")
+    ],
+    out: Annotated[Path, typer.Option("--out", metavar="LIB.npz", help="The library.")],
     rig: RigOption = None,
-    min_keys: Annotated[int, typer.Option("--min-keys", help="Fewest keys of a half.")] = 4,
+    min_keys: Annotated[
+        int,
+        typer.Option("--min-keys", help="Curves are halved as long as both have so many keys."),
+    ] = 4,
     show: Annotated[bool, typer.Option("--list", help="Print every shot in it.")] = False,
 ) -> None:
     """Collect past shots into a library.
@@ -79,28 +92,47 @@ def library_command(
     example="physretarget face match take.csv --library style.npz --rig girl.toml --out take.anim",
 )
 def match_command(
-    capture: Annotated[Path, typer.Argument(metavar="CAPTURE")],
-    library: Annotated[Path, typer.Option("--library", metavar="LIB.npz")],
+    capture: Annotated[
+        Path,
+        typer.Argument(metavar="CAPTURE", help="Live Link Face CSV, or one of time and channels."),
+    ],
+    library: Annotated[
+        Path, typer.Option("--library", metavar="LIB.npz", help="Written by face library.")
+    ],
     out: Out,
     rig: RigOption = None,
-    method: Annotated[str, typer.Option("--method", **complete(METHODS))] = "distance",
+    method: Annotated[
+        str, typer.Option("--method", help="Measure of likeness.", **complete(METHODS))
+    ] = "distance",
     fidelity: Annotated[
-        float, typer.Option("--fidelity", help="Misfit that matters, of what a channel moves.")
+        float,
+        typer.Option(
+            "--fidelity", help="Misfit worth one unit of price, as a share of what a channel moves."
+        ),
     ] = MatchSettings.fidelity,
     key_cost: Annotated[
         float, typer.Option("--key-cost", help="Price of a key: higher is sparser.")
     ] = MatchSettings.key_cost,
-    placement: Annotated[str, typer.Option("--placement", **complete(PLACEMENTS))] = "optimal",
+    placement: Annotated[
+        str,
+        typer.Option(
+            "--placement",
+            help="The cheapest cover; the paper's, longest first; or one for a group of channels.",
+            **complete(PLACEMENTS),
+        ),
+    ] = "optimal",
     lips: Lips = False,
-    start: Annotated[float | None, typer.Option("--start", help="Seconds.")] = None,
-    end: Annotated[float | None, typer.Option("--end", help="Seconds.")] = None,
+    start: Annotated[
+        float | None, typer.Option("--start", help="Of the range, in seconds.")
+    ] = None,
+    end: Annotated[float | None, typer.Option("--end", help="Of the range, in seconds.")] = None,
     locked: Annotated[
         Path | None,
         typer.Option("--locked", metavar="FILE", help="Keyed curves whose keys stay as they are."),
     ] = None,
     fps: Fps = None,
     report: Annotated[
-        Path | None, typer.Option("--report", metavar="DIR", help="Folder of an HTML report.")
+        Path | None, typer.Option("--report", metavar="DIR", help="Folder for an HTML report.")
     ] = None,
 ) -> None:
     """Turn a capture into sparse curves in the library's style."""
@@ -192,13 +224,23 @@ def _turning_points(result: Result, name: str) -> dict[str, float | int | None]:
     group, "reduce", example="physretarget face reduce take.csv --error 0.02 --out take.curves.json"
 )
 def reduce_command(
-    capture: Annotated[Path, typer.Argument(metavar="CAPTURE")],
+    capture: Annotated[
+        Path,
+        typer.Argument(metavar="CAPTURE", help="Live Link Face CSV, or one of time and channels."),
+    ],
     out: Out,
-    how: Annotated[str, typer.Option("--how", **complete(REDUCERS))] = "decimate",
+    how: Annotated[
+        str, typer.Option("--how", help="Which reduction.", **complete(REDUCERS))
+    ] = "decimate",
     error: Annotated[
-        float | None, typer.Option("--error", help="Largest error, of what a channel moves.")
+        float | None,
+        typer.Option(
+            "--error", help="Largest error, as a share of what a channel moves [default: 0.02]."
+        ),
     ] = None,
-    keys: Annotated[int | None, typer.Option("--keys", help="Keys per channel.")] = None,
+    keys: Annotated[
+        int | None, typer.Option("--keys", help="Keys per channel, instead of --error.")
+    ] = None,
     rig: RigOption = None,
     lips: Lips = False,
     fps: Fps = None,

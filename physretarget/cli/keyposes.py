@@ -20,9 +20,9 @@ group = typer.Typer(
 )
 app.add_typer(group, name="keyposes")
 
-Files = Annotated[list[Path], typer.Argument(metavar="FILE...")]
+Files = Annotated[list[Path], typer.Argument(metavar="FILE...", help="Key pose files (TOML).")]
 CharacterOption = Annotated[
-    Path, typer.Option("--character", metavar="MODEL.xml", help="Its MJCF file.")
+    Path, typer.Option("--character", metavar="MODEL.xml", help="The character's MJCF file.")
 ]
 
 
@@ -32,7 +32,7 @@ CharacterOption = Annotated[
 def check_command(files: Files, character: CharacterOption) -> None:
     """Check key pose files.
 
-    Exit code 1 if a pose cannot be learned from.
+    Joint limits, the floor, planted points, headings, pairs that contradict each other. Exit code 1 if a pose cannot be learned from.
     """
     model = Character.load(character)
     poses = load_keyposes(files, model)

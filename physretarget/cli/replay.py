@@ -20,28 +20,48 @@ from physretarget.validation import validate
 
 @command(app, "replay", example="physretarget replay jump.npz --model lamp.xml --html jump.html")
 def replay_command(
-    clip: Annotated[Path, typer.Argument(metavar="CLIP")],
-    model: Annotated[Path, typer.Option("--model", metavar="MODEL.xml")],
+    clip: Annotated[Path, typer.Argument(metavar="CLIP", help="The clip to play.")],
+    model: Annotated[
+        Path, typer.Option("--model", metavar="MODEL.xml", help="The clip's MJCF file.")
+    ],
     video: Annotated[
-        Path | None, typer.Option("--video", help="Film it, no display needed.", metavar="F.mp4")
+        Path | None,
+        typer.Option("--video", help="Write a film; needs no display.", metavar="F.mp4"),
     ] = None,
     html: Annotated[
-        Path | None, typer.Option("--html", help="One self-contained page.", metavar="F.html")
+        Path | None,
+        typer.Option("--html", help="Write one page for any browser.", metavar="F.html"),
     ] = None,
     live: Annotated[bool, typer.Option("--web", help="Serve the page on this machine.")] = False,
-    port: Annotated[int, typer.Option("--port", help="Of --web; 0 takes a free one.")] = 0,
+    port: Annotated[int, typer.Option("--port", help="Port of --web; 0 takes a free one.")] = 0,
     report: Annotated[
         Path | None,
-        typer.Option("--report", help="Findings from this report instead of judging now."),
+        typer.Option(
+            "--report",
+            help="Findings from this report instead of judging now.",
+            metavar="FILE.json",
+        ),
     ] = None,
-    fps: Annotated[float | None, typer.Option("--fps", help="Of clips without a header.")] = None,
+    fps: Annotated[
+        float | None,
+        typer.Option("--fps", help="Frames per second of a file that does not say."),
+    ] = None,
     quat: Annotated[
         str | None,
-        typer.Option("--quat", help="Its quaternion order.", **complete(("wxyz", "xyzw"))),
+        typer.Option(
+            "--quat",
+            help="Quaternion order of a file that does not say.",
+            **complete(("wxyz", "xyzw")),
+        ),
     ] = None,
-    speed: Annotated[float, typer.Option("--speed", help="0.25 is slow motion.")] = 1.0,
+    speed: Annotated[
+        float, typer.Option("--speed", help="Of window and film; 0.25 is slow motion.")
+    ] = 1.0,
 ) -> None:
-    """Play a clip with its forces: a window, a film or a page."""
+    """Play a clip with its forces: a window, a film or a page.
+
+    A window opens unless --video, --html or --web is given.
+    """
     if (video is not None) + (html is not None) + live > 1:
         raise UsageError("--video, --html and --web exclude each other: give one.")
     character = Character.load(model)

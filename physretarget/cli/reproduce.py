@@ -37,11 +37,23 @@ PAPERS = {"yamane2010": _yamane2010, "ruhland2017": _ruhland2017}
 
 @command(app, "reproduce", example="physretarget reproduce ruhland2017 --data data --out figures")
 def reproduce_command(
-    paper: Annotated[str, typer.Argument(help="Which paper.", **complete(tuple(PAPERS)))],
-    data: Annotated[Path, typer.Option("--data", help="Folder of real captures (and keys).")],
-    out: Annotated[Path, typer.Option("--out", help="Folder for figures and tables.")],
+    paper: Annotated[
+        str,
+        typer.Argument(
+            help="Yamane, Ariki, Hodgins 2010, or Ruhland, Prasad, McDonnell 2017.",
+            **complete(tuple(PAPERS)),
+        ),
+    ],
+    data: Annotated[
+        Path,
+        typer.Option(
+            "--data",
+            help="Folder of captures and keys; docs/reproduction.md and docs/face.md say which.",
+        ),
+    ],
+    out: Annotated[Path, typer.Option("--out", help="Folder for pages, figures and tables.")],
     processes: Annotated[
-        int, typer.Option("--processes", min=1, help="How many work at once (yamane2010).")
+        int, typer.Option("--processes", min=1, help="How many takes at a time (yamane2010).")
     ] = 2,
 ) -> None:
     """Make a paper's figures and tables from real data."""

@@ -32,12 +32,20 @@ CAPTURE_ENDINGS = (".bvh", ".c3d", ".trc", ".amc", ".txt", ".json")
 DIMS = 30
 HEADINGS = get_args(momentum.Heading)
 
+CapturesArgument = Annotated[
+    list[Path],
+    typer.Argument(metavar="CAPTURE...", help="BVH, C3D, TRC, AMC or DeepMimic files."),
+]
 CharacterOption = Annotated[
     Path, typer.Option("--character", help="The character's MJCF file.", metavar="MODEL.xml")
 ]
 KeyposesOption = Annotated[
     list[Path] | None,
-    typer.Option("--keyposes", help="Key pose file; may be given several times.", metavar="FILE"),
+    typer.Option(
+        "--keyposes",
+        help="Key pose file to learn from; may be given several times.",
+        metavar="FILE",
+    ),
 ]
 DimsOption = Annotated[
     int | None,
@@ -48,45 +56,64 @@ DimsOption = Annotated[
     ),
 ]
 SeedOption = Annotated[
-    int, typer.Option("--seed", min=0, help="Of the mapper's start.", metavar="N")
+    int,
+    typer.Option("--seed", min=0, help="Of learning: same seed, same mapper.", metavar="N"),
 ]
 
 OutOption = Annotated[
-    Path, typer.Option("--out", help="Clip file, or a folder for several captures.")
+    Path,
+    typer.Option(
+        "--out", help="Clip to write (.npz), or a folder; several captures need a folder."
+    ),
 ]
 MapperOption = Annotated[
     str,
     typer.Option(
         "--mapper",
-        help="Name of a mapper, or a file from learn.",
+        help="What to learn from --keyposes (sgplvm is the paper's), or a file written by learn.",
         metavar="|".join(NAMES) + "|MAPPER.npz",
     ),
 ]
-UntilOption = Annotated[str, typer.Option("--until", help="Last stage.", **complete(STAGES))]
+UntilOption = Annotated[str, typer.Option("--until", help="Last stage to run.", **complete(STAGES))]
 PhysicsOption = Annotated[
-    str, typer.Option("--physics", help="Root-height preset.", **complete(ocp.PRESETS))
+    str,
+    typer.Option(
+        "--physics",
+        help="How stage physical finds the root's height; paper: as Yamane 2010 does.",
+        **complete(ocp.PRESETS),
+    ),
 ]
 HeadingOption = Annotated[
-    str, typer.Option("--heading", help="Where yaw comes from.", **complete(HEADINGS))
+    str,
+    typer.Option(
+        "--heading",
+        help="What the character's facing follows: the actor's, or angular momentum (the paper).",
+        **complete(HEADINGS),
+    ),
 ]
 TailOption = Annotated[
     str,
     typer.Option(
         "--tail",
-        help="Joints that the model names as passive: mapped, or simulated as springs.",
+        help="Joints that the model names as passive: posed by the mapper, or left to swing.",
         **complete(TAILS),
     ),
 ]
 ContactsOption = Annotated[
     Path | None,
-    typer.Option("--contacts", help="Contact phases set by hand (TOML).", metavar="FILE"),
+    typer.Option(
+        "--contacts",
+        help="When which foot stands, set by hand; found if not told.",
+        metavar="FILE.toml",
+    ),
 ]
 FpsOption = Annotated[
     float | None,
-    typer.Option("--fps", help="The clip's frame rate (default: the capture's, up to 60)."),
+    typer.Option("--fps", help="The clip's frames per second [default: the capture's, up to 60]."),
 ]
 LowpassOption = Annotated[
-    float, typer.Option("--lowpass", help="Low-pass of the capture in Hz; 0 for none.")
+    float,
+    typer.Option("--lowpass", help="Low-pass filter on the capture; 0 for none.", metavar="HZ"),
 ]
 UnitOption = Annotated[
     str | None,
@@ -102,11 +129,21 @@ UpOption = Annotated[
     typer.Option("--up", help="The capture's up axis, if not to be guessed.", metavar="[-]x|y|z"),
 ]
 SkeletonOption = Annotated[
-    Path | None, typer.Option("--skeleton", help="ASF file of an AMC capture.")
+    Path | None,
+    typer.Option(
+        "--skeleton", help="Skeleton of an AMC capture, if not beside it.", metavar="FILE.asf"
+    ),
 ]
-MassOption = Annotated[float | None, typer.Option("--mass", help="The actor's mass in kg.")]
+MassOption = Annotated[
+    float | None,
+    typer.Option("--mass", help="The actor's [default: from the stature].", metavar="KG"),
+]
 ReportOption = Annotated[
-    Path | None, typer.Option("--report", help="Folder for an HTML report with replay.")
+    Path | None,
+    typer.Option(
+        "--report",
+        help="Folder for a page with verdict and replay; of several captures a folder each in it.",
+    ),
 ]
 
 
@@ -119,11 +156,22 @@ def learn_command(
     character: CharacterOption,
     out: Annotated[Path, typer.Option("--out", metavar="MAPPER.npz", help="The file to write.")],
     keyposes: KeyposesOption = None,
-    mapper: Annotated[str, typer.Option("--mapper", **complete(NAMES))] = "sgplvm",
+    mapper: Annotated[
+        str,
+        typer.Option(
+            "--mapper",
+            help="sgplvm is the paper's; the others are baselines: Gaussian process, linear map, "
+            "nearest key poses.",
+            **complete(NAMES),
+        ),
+    ] = "sgplvm",
     dims: DimsOption = None,
     seed: SeedOption = 0,
 ) -> None:
-    """Learn a mapper from key poses, for retarget --mapper."""
+    """Learn a mapper from key poses, once for many captures.
+
+    What it writes goes to retarget --mapper and stream --mapper.
+    """
     one_of(mapper, NAMES, "--mapper")
     _ends_in_npz(out)
     trained = _learn(_mobile(character), keyposes, mapper, dims, seed)
@@ -153,7 +201,7 @@ def _learn(
     "--keyposes lamp.keyposes.toml --out jump.npz --report jump-report",
 )
 def retarget_command(
-    captures: Annotated[list[Path], typer.Argument(metavar="CAPTURE...")],
+    captures: CapturesArgument,
     character: CharacterOption,
     out: OutOption,
     keyposes: KeyposesOption = None,
@@ -173,7 +221,12 @@ def retarget_command(
     seed: SeedOption = 0,
     report: ReportOption = None,
 ) -> None:
-    """Turn captures into clips of a character."""
+    """Turn captures into clips of a character.
+
+    Needs key poses (--keyposes), or what learn made of them (--mapper MAPPER.npz). The stages:
+    mapped (poses), placed (the way over the floor), contacted (feet), physical (the root's
+    height), balanced.
+    """
     settings = _settings(until, physics, heading, tail, fps, lowpass, seed)
     _no_folders(captures)
     targets = _targets(captures, out)

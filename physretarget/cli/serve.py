@@ -32,17 +32,28 @@ Data = Annotated[
 ]
 History = Annotated[
     str | None,
-    typer.Option("--history", metavar="URL", help="sqlite:///FILE or postgresql://…/DB."),
+    typer.Option(
+        "--history",
+        metavar="URL",
+        help="Database, if not in --data: sqlite:///FILE or postgresql://…/DB.",
+    ),
 ]
 _DATA = Path("physretarget-data")
 
 
 @command(app, "serve", example="physretarget serve --data /var/lib/physretarget --workers 4")
 def serve_command(
-    host: Annotated[str, typer.Option("--host", help="Beyond loopback only with tokens.")] = (
-        "127.0.0.1"
-    ),
-    port: Annotated[int, typer.Option("--port", min=0, max=65535, help="0 for any.")] = 8000,
+    host: Annotated[
+        str,
+        typer.Option(
+            "--host",
+            metavar="ADDRESS",
+            help="Where to listen; beyond this machine only once a token is made.",
+        ),
+    ] = "127.0.0.1",
+    port: Annotated[
+        int, typer.Option("--port", min=0, max=65535, help="0 takes a free one.")
+    ] = 8000,
     data: Data = _DATA,
     history: History = None,
     workers: Annotated[int, typer.Option("--workers", min=1, max=64, help="Jobs at a time.")] = 2,
@@ -50,18 +61,19 @@ def serve_command(
         list[str] | None,
         typer.Option(
             "--name", metavar="HOST",
-            help="A public name, such as that of a proxy; may be repeated.",
+            help="A public name, such as that of a proxy; may be given several times.",
         ),
     ] = None,
     limit: Annotated[
         list[str] | None,
         typer.Option(
             "--limit", metavar="NAME=VALUE",
-            help="A bound of uploads and jobs (upload_bytes, seconds, memory_bytes, …).",
+            help="A bound of uploads and jobs (upload_bytes, seconds, memory_bytes, …); may be "
+            "given several times.",
         ),
     ] = None,
     rate: Annotated[
-        float, typer.Option("--rate", min=0, help="Requests a minute of one caller; 0: any.")
+        float, typer.Option("--rate", min=0, help="Requests a minute of one caller; 0: any number.")
     ] = 1200,
 ) -> None:  # fmt: skip
     """Judge and retarget over HTTP, with a web page.
@@ -94,7 +106,7 @@ def serve_command(
 
 @command(group, "create", example="physretarget token create --scope submit --name ci")
 def create_command(
-    scope: Annotated[str, typer.Option("--scope", **complete(_SCOPES))],
+    scope: Annotated[str, typer.Option("--scope", help="What it allows.", **complete(_SCOPES))],
     name: Annotated[str, typer.Option("--name", help="Whose it is, or what for.")],
     data: Data = _DATA,
     history: History = None,

@@ -36,11 +36,15 @@ Array = NDArray[np.float64]
     example="physretarget stream --mapper lamp.npz --capture walk.bvh > poses.jsonl",
 )
 def stream_command(
-    mapper: Annotated[Path, typer.Option("--mapper", metavar="MAPPER.npz", help="From learn.")],
+    mapper: Annotated[
+        Path, typer.Option("--mapper", metavar="MAPPER.npz", help="Written by learn.")
+    ],
     character: Annotated[
         Path | None,
         typer.Option(
-            "--character", metavar="MODEL.xml", help="Needed unless it came with the package."
+            "--character",
+            metavar="MODEL.xml",
+            help="Its MJCF file, unless it came with the package.",
         ),
     ] = None,
     listen: Annotated[
@@ -50,7 +54,9 @@ def stream_command(
     captured: Annotated[
         Path | None, typer.Option("--capture", help="Play this capture instead of stdin.")
     ] = None,
-    fps: Annotated[float | None, typer.Option("--fps", help="Frame rate of --capture.")] = None,
+    fps: Annotated[
+        float | None, typer.Option("--fps", help="Play --capture at this rate, not at its own.")
+    ] = None,
     delay: Annotated[
         float,
         typer.Option(
@@ -61,7 +67,10 @@ def stream_command(
         ),
     ] = 0.0,
 ) -> None:
-    """Retarget frame by frame: JSON lines in, JSON lines out."""
+    """Retarget frame by frame: JSON lines in, JSON lines out.
+
+    Reads stdin unless told otherwise; docs/stream.md has the format of a line.
+    """
     if listen and captured:
         raise UsageError("--listen and --capture are both given; one of them is allowed.")
     if not 0 <= delay <= LONGEST_DELAY:

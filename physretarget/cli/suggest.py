@@ -48,9 +48,10 @@ class _Candidates:
     y: Array
 
 
-Captures = Annotated[list[Path], typer.Argument(metavar="CAPTURE...")]
+CAPTURE = "BVH, C3D, TRC, AMC or DeepMimic."
+Captures = Annotated[list[Path], typer.Argument(metavar="CAPTURE...", help=CAPTURE)]
 CharacterOption = Annotated[
-    Path, typer.Option("--character", metavar="MODEL.xml", help="Its MJCF file.")
+    Path, typer.Option("--character", metavar="MODEL.xml", help="The character's MJCF file.")
 ]
 Out = Annotated[
     Path | None,
@@ -72,12 +73,18 @@ def suggest_command(
     character: CharacterOption,
     keyposes: Annotated[
         list[Path] | None,
-        typer.Option("--keyposes", help="What is posed already; several may be given."),
+        typer.Option(
+            "--keyposes",
+            help="Key pose file with what is posed already; may be given several times.",
+            metavar="FILE",
+        ),
     ] = None,
-    count: Annotated[int, typer.Option("--count", min=1, help="How many.")] = 10,
-    fps: Annotated[float, typer.Option("--fps", help="Frames per second to look at.")] = 10.0,
+    count: Annotated[int, typer.Option("--count", min=1, help="How many frames.")] = 10,
+    fps: Annotated[
+        float, typer.Option("--fps", help="Frames per second of capture to choose from.")
+    ] = 10.0,
     format: Annotated[
-        str, typer.Option("--format", help="Of the list.", **complete(FORMATS))
+        str, typer.Option("--format", help="Of the list on stdout.", **complete(FORMATS))
     ] = "text",
     out: Out = None,
     sheet: Sheet = None,
@@ -112,10 +119,13 @@ def suggest_command(
     example="physretarget keyposes propose walk.bvh --time 1.5 --character lamp.xml --out new.toml",
 )
 def propose_command(
-    captured: Annotated[Path, typer.Argument(metavar="CAPTURE")],
+    captured: Annotated[Path, typer.Argument(metavar="CAPTURE", help=CAPTURE)],
     character: CharacterOption,
-    out: Annotated[Path, typer.Option("--out", metavar="NEW.toml")],
-    time: Annotated[list[float], typer.Option("--time", help="Seconds; may be given repeatedly.")],
+    out: Annotated[Path, typer.Option("--out", metavar="NEW.toml", help="Key pose file to write.")],
+    time: Annotated[
+        list[float],
+        typer.Option("--time", help="Seconds of the capture; may be given several times."),
+    ],
     sheet: Sheet = None,
 ) -> None:
     """Make start poses for frames of your choice."""

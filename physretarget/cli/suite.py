@@ -29,13 +29,22 @@ group = typer.Typer(
 )
 app.add_typer(group, name="suite")
 
-File = Annotated[Path, typer.Argument(metavar="SUITE.toml")]
+File = Annotated[
+    Path, typer.Argument(metavar="SUITE.toml", help="Clips and models; see docs/suite.md.")
+]
 History = Annotated[
     str | None,
-    typer.Option("--history", metavar="URL", help="sqlite:///FILE or postgresql://…/DB."),
+    typer.Option(
+        "--history",
+        metavar="URL",
+        help="Database of runs, if not the suite file's: sqlite:///FILE or postgresql://…/DB.",
+    ),
 ]
 Out = Annotated[
-    Path | None, typer.Option("--out", metavar="SITE", help="Folder of the morning report.")
+    Path | None,
+    typer.Option(
+        "--out", metavar="SITE", help="Folder of the morning report, if not the suite file's."
+    ),
 ]
 _TOLD = 20
 
@@ -45,7 +54,7 @@ def run_command(
     suite: File,
     out: Out = None,
     workers: Annotated[
-        int | None, typer.Option("--workers", min=1, help="Processes; all cores if not told.")
+        int | None, typer.Option("--workers", min=1, help="Processes [default: one a core].")
     ] = None,
     scheduler: Annotated[
         str | None,
@@ -89,13 +98,17 @@ def run_command(
 @command(group, "accept", example="physretarget suite accept nightly.toml --note 'new key poses'")
 def accept_command(
     suite: File,
-    note: Annotated[str, typer.Option("--note", help="Why; shown in every report.")] = "",
+    note: Annotated[
+        str, typer.Option("--note", help="Why it is accepted; shown in every report.")
+    ] = "",
     clip: Annotated[
         list[str] | None,
-        typer.Option("--clip", metavar="GLOB", help="Only these clips; may be repeated."),
+        typer.Option(
+            "--clip", metavar="GLOB", help="Only these clips; may be given several times."
+        ),
     ] = None,
     number: Annotated[
-        int | None, typer.Option("--run", help="The run to accept; the last if not told.")
+        int | None, typer.Option("--run", help="Number of the run to accept [default: the last].")
     ] = None,
     history: History = None,
 ) -> None:
@@ -125,7 +138,7 @@ def report_command(
     suite: File,
     out: Out = None,
     number: Annotated[
-        int | None, typer.Option("--run", help="An earlier run; the last if not told.")
+        int | None, typer.Option("--run", help="Number of an earlier run [default: the last].")
     ] = None,
     history: History = None,
 ) -> None:

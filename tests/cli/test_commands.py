@@ -53,6 +53,7 @@ def test_help_has_an_example_of_this_very_command(run: Run, command: tuple[str, 
     text = " ".join(got.out.split())
     assert "Example: " + " ".join(("physretarget", *command)) in text
     assert _is_group(command) or ("--quiet" in text and "--debug" in text)
+    assert "{" not in text.split("Options:")[0], "braces of Typer's"
     # What to write, and what for: no names of Python types, no option without a word.
     assert not re.search(r"<(list|path|int|float|str)", text)
     for line, following in pairwise(got.out.split("Example: ")[0].splitlines()):
