@@ -32,7 +32,8 @@ CharacterOption = Annotated[
 def check_command(files: Files, character: CharacterOption) -> None:
     """Check key pose files.
 
-    Joint limits, the floor, planted points, headings, pairs that contradict each other. Exit code 1 if a pose cannot be learned from.
+    Joint limits, the floor, planted points, headings, pairs that contradict each other. Exit
+    code 1 if a pose cannot be learned from.
     """
     model = Character.load(character)
     poses = load_keyposes(files, model)
