@@ -8,19 +8,11 @@ from physretarget.ocp.balance import Weights
 
 
 @dataclass(frozen=True, kw_only=True)
-class BalanceSettings:
-    """What balance may cost. Displacements are in heights of the character, forces in body
-    weights, moments in body weights times the height of the centre of mass.
+class BalanceSettings(Weights):
+    """What balance may cost, and how it is sought; times are in s.
 
-    residual: price of what the floor cannot explain, against half the mean square displacement
-        of the markers.
     hopeless: frames that leave this much unexplained all the same count half, and less the
         more they leave: nobody is to lean for what no leaning mends.
-    roughness: of half the mean square of the acceleration that the markers are given, in heights
-        per τ² (τ² = h / g: the lower the centre of mass, the quicker the balance is lost).
-    ends: of half the mean square of the velocity that they are given at a clip's ends (within about
-        τ), in heights per τ: a clip does not begin or end with a fall.
-    limit: the most that the markers of a frame move (RMS).
     inset, friction: the floor pushes only in the inner share of the support and with this
         share of the friction, so that some is left.
     reach: frames before and after a contact in which it may bear load: accelerations are
@@ -36,11 +28,7 @@ class BalanceSettings:
         with the next. Farther than ``overlap`` from all that is unexplained nothing moves.
     """
 
-    residual: float = 0.1
     hopeless: float = 0.5
-    roughness: float = 0.01
-    ends: float = 3.0
-    limit: float = 0.08
     inset: float = 0.1
     friction: float = 0.9
     reach: int = 1
@@ -55,13 +43,3 @@ class BalanceSettings:
     rounds: int = 3
     window: float = 10.0
     overlap: float = 1.5
-
-    @property
-    def weights(self) -> Weights:
-        """Those of the programme."""
-        return Weights(
-            residual=self.residual,
-            roughness=self.roughness,
-            ends=self.ends,
-            limit=self.limit,
-        )

@@ -313,7 +313,7 @@ def _window(
             excursion=now,
             cost=cost,
         )
-        found = minimise(programme, settings.weights)
+        found = minimise(programme, settings)
         left = np.linalg.norm(found.residual, axis=1)
         patient[rows] = 1.0 / (1.0 + (left / settings.hopeless) ** 2)
         if left.max(initial=0.0) < settings.hopeless / 5.0:

@@ -35,23 +35,27 @@ solver's tolerances, absolute below 1, are small against what can be seen."""
 _ACCURATE = 1e-8
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, kw_only=True)
 class Weights:
     """What counts how much, against half the mean square displacement of the markers.
 
     Displacements are in heights of the character, forces in body weights, moments in body
-    weights times the height of the centre of mass. ``residual`` is the price of what is
-    unexplained; ``roughness`` that of half the mean square of the
-    markers' added acceleration, times τ² and in heights; ``ends`` that of their added velocity,
-    times τ, near the ends of a clip: beyond them nobody has to catch a fall;
-    ``limit`` the most that they may move
-    (RMS of a frame).
+    weights times the height of the centre of mass.
+
+    residual: price of the length of what the floor cannot explain in a frame. spike: it grows
+        with the square, too, by half of this: much in one frame is worse than a little in many.
+    roughness: of half the mean square of the acceleration that the markers are given, in heights
+        per τ² (τ² = h / g: the lower the centre of mass, the quicker the balance is lost).
+    ends: of half the mean square of the velocity that they are given at a clip's ends (within about
+        τ), in heights per τ: beyond them nobody has to catch a fall.
+    limit: the most that the markers of a frame move (RMS).
     """
 
-    residual: float
-    roughness: float
-    ends: float
-    limit: float
+    residual: float = 0.1
+    spike: float = 5.0
+    roughness: float = 0.01
+    ends: float = 3.0
+    limit: float = 0.08
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,18 +126,18 @@ def minimise(programme: Programme, weights: Weights) -> Excursion:
     seen = sparse.block_diag(list(programme.cost[programme.columns]))
     whole = sparse.block_diag(list(programme.cost))
     speed = sparse.kron(programme.first, sparse.eye_array(6), format="csr")
+    slope = np.zeros(start[-1])
+    slope[start[2] :: 7] = weights.residual * programme.patience
     quadratic = sparse.block_diag(
         [
             whole
             + weights.roughness * (rough.T @ seen @ rough)
             + weights.ends * (speed.T @ whole @ speed),
             _PRICE_OF_FORCE * sparse.eye_array(forces),
-            sparse.csr_array((7 * judged, 7 * judged)),
+            sparse.diags_array(weights.spike * slope[start[2] :]),
         ],
         format="csc",
     )
-    slope = np.zeros(start[-1])
-    slope[start[2] :: 7] = weights.residual * programme.patience
     x = _solved(_UNIT * quadratic, _UNIT * slope, matrix, bound, cones)
     residual = rest @ x[start[2] :]
     return Excursion(x[: start[1]].reshape(frames, 6), residual.reshape(judged, 6))

@@ -11,7 +11,7 @@ from scipy import sparse
 from physretarget.ocp.balance import Programme, Support, Weights, minimise, unexplained
 from physretarget.ocp.basis import differences
 
-EASY = Weights(residual=1e3, roughness=0.0, ends=0.0, limit=100.0)
+EASY = Weights(residual=1e3, spike=0.0, roughness=0.0, ends=0.0, limit=100.0)
 
 
 def _programme(wrench: np.ndarray, half: float, tau2: float, step: float) -> Programme:
@@ -91,7 +91,7 @@ def test_in_flight_the_excursion_takes_back_what_nothing_pushes() -> None:
 
 
 def test_the_limit_holds() -> None:
-    tight = Weights(residual=1e3, roughness=0.0, ends=0.0, limit=0.05)
+    tight = Weights(residual=1e3, spike=0.0, roughness=0.0, ends=0.0, limit=0.05)
     found = minimise(_programme(_standing(60, 0.4), 0.1, 0.04, 1 / 60), tight)
     assert np.sqrt(np.sum(found.excursion[:, :3] ** 2, axis=1)).max() <= 0.05 + 1e-6
     assert np.abs(found.residual).max() > 0.1
@@ -113,3 +113,18 @@ def test_a_pulling_floor_is_unexplained() -> None:
     corners = np.array([[[0.2, 0.2, -1.0], [-0.2, -0.2, -1.0]]])
     left = unexplained(wrench, Support(corners, np.ones((1, 2), bool), 1.0))
     assert left == pytest.approx(0.7, abs=1e-5)
+
+
+def test_much_in_one_frame_is_spread_over_many() -> None:
+    """A lean that may not be mended enough: with ``spike`` no frame is left with most of it."""
+    most, total = [], []
+    for spike in (0.0, 5.0):
+        weights = Weights(residual=0.1, spike=spike, roughness=0.01, ends=0.0, limit=0.1)
+        wrench = _standing(60, 0.0)
+        wrench[25:35, 4] = -0.6
+        found = minimise(_programme(wrench, 0.1, 0.04, 1 / 60), weights)
+        left = np.linalg.norm(found.residual, axis=1)
+        most.append(left.max())
+        total.append(left.sum())
+    assert most[1] < 0.7 * most[0]
+    assert total[1] > total[0]
