@@ -29,7 +29,8 @@ Bools = NDArray[np.bool_]
 TOUCHING = 1e-3
 """A point this near to its place on the floor (m) counts as planted, whoever bears the body."""
 SHORTEST_TOUCH = 0.05
-"""Shorter touches of points that bear nothing by the timetable are not reported (s)."""
+"""Shorter touches of points that bear nothing by the timetable are not reported (s), except where
+the body lands or leaves the floor."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +103,7 @@ def adjust(
         empty = np.zeros(target.shape[:2], dtype=bool)
         reason = "No contact point is planted at any time: the motion is as it was."
         return Contacted(qpos.copy(), empty, target, 0.0, 0.0, (), (reason,))
-    moved = carried(character, qpos, feet, settings)
+    moved = carried(character, qpos, time, feet, settings)
     if off_track(character, moved, feet) > 1e-5:
         moved, feet = _reached(character, qpos, moved, time, phases, feet, settings, notes)
     moved = above_floor(character, moved, feet, settings)
@@ -222,7 +223,7 @@ def _reached(
         ]
         before, was = feet, moved
         feet = _flown(character, standing, time, phases, settings)
-        moved = carried(character, qpos, feet, settings)
+        moved = carried(character, qpos, time, feet, settings)
         other = np.any(moved != was, axis=1)
         for new, old in zip(feet, before, strict=True):
             other |= new.track.differs(old.track)
@@ -293,7 +294,9 @@ def _measured(
         miss = np.linalg.norm(points - foot.track.target, axis=-1)  # NaN in flight
         touching = np.nan_to_num(miss, nan=np.inf) < TOUCHING
         planted = touching & foot.track.planted
-        active[:, index] = planted | _long_enough(touching & ~planted, time)
+        blows = np.zeros(len(time), dtype=bool)
+        blows[[frame for f in foot.footings for frame in (f.first, f.last)]] = True
+        active[:, index] = planted | _lasting(touching & ~planted, blows, time)
         for footing in foot.footings:
             part = slice(footing.first, footing.last + 1)
             on = active[part, :][:, index]
@@ -310,11 +313,13 @@ def _measured(
     return Contacted(qpos, active, target, slide, sink, tuple(stances), tuple(notes))
 
 
-def _long_enough(touching: Bools, time: Floats) -> Bools:
+def _lasting(touching: Bools, blows: Bools, time: Floats) -> Bools:
+    """Touches (T, n) that last, or that take part in a landing or a push-off (T,)."""
     kept = np.zeros_like(touching)
     for k in range(touching.shape[1]):
         for first, last in runs(touching[:, k]):
-            if time[last] - time[first] >= SHORTEST_TOUCH:
+            lasts = time[last] - time[first] >= SHORTEST_TOUCH
+            if lasts or blows[first : last + 1].any():
                 kept[first : last + 1, k] = True
     return kept
 

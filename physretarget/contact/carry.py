@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from physretarget import kinematics
 from physretarget.contact.foot import Foot
+from physretarget.contact.pace import kept_pace
 from physretarget.contact.settings import ContactSettings
 from physretarget.contact.sole import yaw_quat
 from physretarget.kinematics import PointTargets
@@ -22,19 +23,21 @@ SOFT = 1e-4
 
 
 def carried(
-    character: Character, qpos: Floats, feet: list[Foot], settings: ContactSettings
+    character: Character, qpos: Floats, time: Floats, feet: list[Foot], settings: ContactSettings
 ) -> Floats:
     """The root corrected so that the feet are where they shall be, on the average.
 
     If the root itself is the body that stands on a face, its path is exact; what it carries
-    goes with it, but keeps facing where it faced as far as a swivel allows. Otherwise the root
-    is shifted and keeps its orientation; legs take up what a foot's heading differs.
+    goes with it, but keeps facing where it faced as far as a swivel allows, and keeps its pace.
+    Otherwise the root is shifted and keeps its orientation; legs take up what a foot's heading
+    differs.
     """
     if not character.has_root:
         return qpos.copy()
     own = [f for f in feet if f.sole.body == character.root_body and len(f.sole.local) > 2]
     if own:
-        return _swivelled(character, _on_track(character, qpos, own[0]), own[0], settings)
+        moved = _swivelled(character, _on_track(character, qpos, own[0]), own[0], settings)
+        return kept_pace(character, moved, time, own[0], settings)
     # Feet count the more, the nearer in time they stand: the average stays continuous.
     weight = np.stack([1.0 / (1.0 + (f.track.away / 0.2) ** 2) for f in feet])
     weight += 1e-6

@@ -21,6 +21,9 @@ class ContactSettings:
     min_flight: shortest flight between two stances at different places, s.
     hop_angle: a hop over a distance R takes at least as long as a throw over R at this angle,
         sqrt(2 R tan(angle) / g), rad.
+    grip: a body that carries points of both feet is thrown as a whole, from standing to standing.
+        The floor pushes it off and stops it, with this share of the friction: its hops are at
+        least as steep as 1 / (grip · friction), but no steeper than ``steepest``.
     hop_share: at most this share of a stance is given up to a hop, at each end.
     max_speed: a stance that could only be reached faster than this times sqrt(g · height) is
         dropped.
@@ -38,7 +41,12 @@ class ContactSettings:
         cut_grid: cuts are sought at multiples of this, s.
     waddle: a body that carries points of both feet rolls onto the side that stands by this
         angle, so that a walk shows (rad; zero for none), and back, each within ``rock`` s.
-    max_tilt: such a body tilts no more than this while it stands, rad.
+    max_tilt: such a body tilts no more than this while it stands, rad, and not at all where it
+        leaves the floor or lands: an edge would bear the whole blow.
+    pace: what such a body carries keeps its pace while the body itself stands and hops: it moves
+        on horizontally as if every correction of the body were smoothed by a Gaussian of this
+        standard deviation, s. lean: but leans no farther than this from where the pose has it,
+        at its top, less below. Zero for none.
     settle: time over which a body's tilt changes when other points become planted, s.
     missed: a stance ends where its points are farther than this from their place, m, because
         the legs do not reach, or where its sole rolls so far that some of it is ``rolled`` m
@@ -57,7 +65,9 @@ class ContactSettings:
     shared: float = 0.5
     min_flight: float = 0.1
     hop_angle: float = 0.6
-    hop_share: float = 0.3
+    grip: float = 0.95
+    steepest: float = 2.0
+    hop_share: float = 0.4
     max_speed: float = 3.0
     hop_height: float = 0.5
     longest_flight: float = 0.85
@@ -71,6 +81,8 @@ class ContactSettings:
     waddle: float = 0.1
     rock: float = 0.25
     max_tilt: float = 0.35
+    pace: float = 0.25
+    lean: float = 0.2
     settle: float = 0.06
     missed: float = 1e-3
     rolled: float = 4e-3

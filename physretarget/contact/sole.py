@@ -29,7 +29,7 @@ class Sole:
     the centre then; ``sides`` which of the actor's sides each one follows. ``under`` (m, 3)
     further points of the body's underside at the floor's level, in the body's frame, and
     ``print`` (m, 3) the same relative to the centre when it stands flat: they bear nothing by
-    the timetable, but must not sink.
+    the timetable, but must not sink. ``friction`` of the floor under it.
     """
 
     body: int
@@ -41,6 +41,7 @@ class Sole:
     sides: tuple[str, ...]
     under: Floats
     print: Floats
+    friction: float = 1.0
 
     @cached_property
     def radius(self) -> float:
@@ -54,7 +55,13 @@ class Sole:
 
 
 def make_sole(
-    body: int, points: Ints, local: Floats, sides: tuple[str, ...], stand: Floats
+    body: int,
+    points: Ints,
+    local: Floats,
+    sides: tuple[str, ...],
+    stand: Floats,
+    *,
+    friction: float = 1.0,
 ) -> Sole:
     """The sole of a body whose rotation in the character's reference pose is ``stand``.
 
@@ -63,8 +70,8 @@ def make_sole(
     centre = local.mean(axis=0)
     arms = (local - centre) @ stand.T
     flat = _levelled(arms) @ stand
-    none = np.zeros((0, 3))
-    return Sole(body, points, local, centre, flat, (local - centre) @ flat.T, sides, none, none)
+    foot, none = (local - centre) @ flat.T, np.zeros((0, 3))
+    return Sole(body, points, local, centre, flat, foot, sides, none, none, friction)
 
 
 def with_underside(sole: Sole, shapes: Sequence[Solid], level: float) -> Sole:

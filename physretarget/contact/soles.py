@@ -31,6 +31,7 @@ def sole_of(character: Character, body: int) -> Sole:
         character.contacts.local[index],
         tuple(_side(str(character.tied[i])) for i in index),
         standing.rotation[0, body],
+        friction=character.friction,
     )
     return with_underside(sole, solids(character, [body]), UNDER * character.height)
 

@@ -167,19 +167,37 @@ def _apart(
     return kept, notes
 
 
+def hop_time(sole: Sole, travel: float, settings: ContactSettings) -> float:
+    """How long a hop over a distance takes at least, s: that of the flattest throw allowed."""
+    slope = math.tan(settings.hop_angle)
+    if sole.two_sided:
+        steep = 1.0 / max(settings.grip * sole.friction, 1e-9)
+        slope = max(slope, min(steep, settings.steepest))
+    return math.sqrt(2.0 * travel * slope / settings.gravity)
+
+
+def _spared(stance: Footing, settings: ContactSettings, *, cut: bool) -> float:
+    """How much of a stance may be given up to a hop, s.
+
+    Of one that the clip's first or last frame cuts off nobody knows how long it lasted.
+    """
+    return stance.length if cut else settings.hop_share * stance.length
+
+
 def _separated(
     sole: Sole, old: Footing, new: Footing, time: Floats, height: float, settings: ContactSettings
 ) -> tuple[Footing, Footing] | None:
     """Both stances with a long enough flight between them, or None if there is no room."""
     travel = _travel(sole, old, new)[1]
-    need = math.sqrt(2.0 * travel * math.tan(settings.hop_angle) / settings.gravity)
-    need = max(need, settings.min_flight)
+    need = max(hop_time(sole, travel, settings), settings.min_flight)
     flight = float(time[new.first] - time[old.last])
     if flight >= need:
         return old, new
     middle = 0.5 * float(time[old.last] + time[new.first])
-    until = max(middle - 0.5 * need, float(time[old.last]) - settings.hop_share * old.length)
-    since = min(middle + 0.5 * need, float(time[new.first]) + settings.hop_share * new.length)
+    early = _spared(old, settings, cut=old.first == 0)
+    late = _spared(new, settings, cut=new.last == len(time) - 1)
+    until = max(middle - 0.5 * need, float(time[old.last]) - early)
+    since = min(middle + 0.5 * need, float(time[new.first]) + late)
     tiny = 1e-9
     last = min(int(np.searchsorted(time, until - tiny)), old.last)
     first = max(int(np.searchsorted(time, since + tiny, side="right")) - 1, new.first)

@@ -90,6 +90,9 @@ def stand(
         aside = yaw_quat(motion.yaw[part] - footing.place[2])
         wanted = kinematics.quat_rotate(aside, motion.tilt[part])
         tilt = _tilt_on_floor(sole, wanted, bearing, time, settings)
+        if sole.two_sided:
+            hops = (footing.first > 0, footing.last < len(time) - 1)
+            tilt *= level_ends(time[part], hops, settings)[:, None]
         lean = kinematics.quat_to_matrix(kinematics.rotvec_to_quat(tilt))
         if len(sole.local) > 1:
             rotation[part] = turn @ lean @ sole.flat
@@ -148,6 +151,20 @@ def waddle(sole: Sole, planted: Bools, time: Floats, settings: ContactSettings) 
             full = rolled(sole, mine, settings.waddle)
             roll[first : last + 1] = (1.0 - share * share)[:, None] * full
     return roll
+
+
+def level_ends(time: Floats, hops: tuple[bool, bool], settings: ContactSettings) -> Floats:
+    """(F,) from 0 where a stance begins or ends with a hop to 1 within ``rock`` s.
+
+    A base that lands on one edge tips over. Scaling keeps a tilt within its cone, and a parabola is
+    how a rocking block comes to lie flat.
+    """
+    flank = max(min(0.5 * float(time[-1] - time[0]), settings.rock), 1e-9)
+    share = np.zeros(len(time))
+    for hop, since in zip(hops, (time - time[0], time[-1] - time), strict=True):
+        if hop:
+            share = np.maximum(share, 1.0 - np.clip(since / flank, 0.0, 1.0))
+    return 1.0 - share * share
 
 
 def _shifted(rows: Array, offset: int) -> Array:

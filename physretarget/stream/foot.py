@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from physretarget.contact.settings import ContactSettings
 from physretarget.contact.sole import Sole
-from physretarget.contact.stances import Footing, find_footings
+from physretarget.contact.stances import Footing, find_footings, hop_time
 from physretarget.contact.track import lowest_rise, raised
 from physretarget.stream.arc import Arc, Throw
 from physretarget.stream.blend import Blend
@@ -253,7 +253,7 @@ class Foot:
         x, y, yaw = self.left.place.tolist()
         way = math.hypot(footing.place[0] - x, footing.place[1] - y)
         way += abs(float(footing.place[2]) - yaw) * self.sole.radius
-        need = math.sqrt(2.0 * way * math.tan(self.settings.hop_angle) / self.settings.gravity)
+        need = hop_time(self.sole, way, self.settings)
         latest = self._time(footing.first) + self.settings.hop_share * footing.length
         soonest = self.left_at + self.settings.min_flight
         return max(min(self.left_at + need, latest), soonest) - 1e-9
@@ -266,7 +266,14 @@ class Foot:
         """Begin a stance: from now on its place is fixed."""
         assert self.course is not None
         members = self._members(footing)
-        self.stance = Stance(self.tread, footing, self.course, members, sample.time)
+        self.stance = Stance(
+            self.tread,
+            footing,
+            self.course,
+            members,
+            sample.time,
+            hopped=self.left is not None,
+        )
         self.touched = (float(sample.centre[2]), sample.tilt)
         centre, there, _ = self.stance.placed(sample, frame)
         self.blend.land(self.blend.between(sample, centre, there))

@@ -17,11 +17,13 @@ from numpy.typing import NDArray
 from physretarget.capture.actor import CONTACT_POINTS
 from physretarget.contact import ContactSettings
 from physretarget.contact.carry import joint_weights, swivels
+from physretarget.contact.pace import STILL, TOP
 from physretarget.contact.soles import sole_of, standing_bodies, turning_limit
 from physretarget.mjcf import Character, Points
 from physretarget.stream.body import Body, Solver
 from physretarget.stream.foot import START, Foot, Path
 from physretarget.stream.foresee import Flight, Going, Habit
+from physretarget.stream.pace import Pace
 from physretarget.stream.touch import Touch
 from physretarget.stream.turns import matrix_quat
 
@@ -79,6 +81,7 @@ class Planter:
         own = [f for f in self.feet if f.sole.body == root and len(f.sole.local) > 2]
         self.own = own[0] if own else None
         self.swivels = swivels(character) if own else []
+        self.pace = Pace(self.settings, character.height)
         self.root = character.root_qpos if character.has_root else 0
         self._solvers()
         self.waiting: list[_Frame] = []
@@ -206,7 +209,7 @@ class Planter:
             foot.decide(index)
         throw, linear = self._thrown(frame)
         paths = {foot.sole.body: foot.path(index, throw, linear=linear) for foot in feet}
-        qpos = self._posed(frame.placed, paths)
+        qpos = self._posed(frame, paths)
         self._measure(frame.time, qpos, paths)
         for foot in self.feet:
             foot.seen.forget(index)
@@ -225,12 +228,13 @@ class Planter:
             return None, not math.isfinite(down)
         return (max(self.borne_at, min(frame.thrown, frame.time)), down), True
 
-    def _posed(self, placed: Array, paths: dict[int, Path]) -> Array:
-        character = self.character
+    def _posed(self, frame: _Frame, paths: dict[int, Path]) -> Array:
+        character, placed = self.character, frame.placed
         if not paths:
             return placed
         if self.own is not None:
-            return self._carried(placed, paths[self.own.sole.body])
+            path = paths[self.own.sole.body]
+            return self._carried(placed, path, self.pace.lead(frame.time, path.shift[:2]))
         markers = character.markers
         if len(self.waiting):  # otherwise it is the frame that was just seen
             self.body.pose(placed)
@@ -271,17 +275,37 @@ class Planter:
         weight = flight + (told.stance_weight - flight) * math.exp(-((away / 0.04) ** 2))
         return float(2.0 ** round(math.log2(max(weight, 1e-3))))
 
-    def _carried(self, placed: Array, path: Path) -> Array:
-        """The whole pose carried along with the root on its path, facing where it faced."""
-        character, foot = self.character, self.own
+    def _carried(self, placed: Array, path: Path, lead: Array) -> Array:
+        """The whole pose carried along with the root on its path, facing where it faced.
+
+        What is carried leans by ``lead`` (2,) m.
+        """
+        foot = self.own
         assert foot is not None
         moved, at = np.array(placed), self.root
         moved[at : at + 3] = path.centre - path.rotation @ foot.sole.centre
         moved[at + 3 : at + 7] = matrix_quat(path.rotation)
-        back = -math.remainder(path.yaw, 2.0 * math.pi)
+        turned, back = self._swivelled(moved, -math.remainder(path.yaw, 2.0 * math.pi))
+        lean = 1.0 - float(path.rotation[2] @ foot.sole.flat[2])
+        askew = abs(back) * math.sqrt(2.0 * max(lean, 0.0)) > 1e-3
+        leans = math.hypot(lead[0], lead[1]) > STILL * self.character.height
+        if not (askew or leans):
+            return turned
+        self.body.pose(moved if askew else turned)
+        target = self.body.points(self.carried) - path.centre
+        if askew:
+            c, s = math.cos(back), math.sin(back)
+            x, y = target[:, 0].copy(), target[:, 1].copy()
+            target[:, 0], target[:, 1] = c * x - s * y, s * x + c * y
+        above = target[:, 2] / (TOP * self.character.height)
+        target[:, :2] += np.clip(above, 0.0, 1.0)[:, None] * lead
+        return self.solver.solve(turned, path.centre + target, near=turned)
+
+    def _swivelled(self, moved: Array, back: float) -> tuple[Array, float]:
+        """The pose turned back on its swivel by ``back`` rad, and how much of that it can."""
         if not self.swivels or abs(back) < 1e-6:
-            return moved
-        turned = np.array(moved)
+            return moved, 0.0
+        character, turned = self.character, np.array(moved)
         for joint, sign in self.swivels:
             value = min(
                 max(moved[joint] + sign * back, character.lower[joint]), character.upper[joint]
@@ -290,16 +314,7 @@ class Planter:
             back = reached if abs(reached) < abs(back) else back
         for joint, sign in self.swivels:
             turned[joint] = moved[joint] + sign * back
-        lean = 1.0 - float(path.rotation[2] @ foot.sole.flat[2])
-        if abs(back) * math.sqrt(2.0 * max(lean, 0.0)) <= 1e-3:
-            return turned
-        self.body.pose(moved)
-        arm = self.body.points(self.carried) - path.centre
-        c, s = math.cos(back), math.sin(back)
-        target = arm.copy()
-        target[:, 0] = c * arm[:, 0] - s * arm[:, 1]
-        target[:, 1] = s * arm[:, 0] + c * arm[:, 1]
-        return self.solver.solve(turned, path.centre + target, near=turned)
+        return turned, back
 
     def _measure(self, time: float, qpos: Array, paths: dict[int, Path]) -> None:
         """Which points are held; a foot that does not reach its place lets go."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from physretarget.contact.settings import ContactSettings
 from physretarget.contact.sole import Sole, TiltCone
 from physretarget.contact.stances import Footing
-from physretarget.contact.track import waddle
+from physretarget.contact.track import level_ends, waddle
 from physretarget.stream.foresee import Course, Sample
 from physretarget.stream.turns import (
     Quat,
@@ -58,13 +58,21 @@ class Stance:
 
     ``bearing`` (F, n) are the points that bear each frame of its ``footing``, ``spread`` (F, n)
     those that do shortly before or after, ``roll`` (F, 3) the tilt onto the side that does.
+    ``steep`` (F,) is how much of the tilt is left near a hop, 1 away from it.
     """
 
     def __init__(
-        self, tread: Tread, footing: Footing, course: Course, members: Members, since: float
+        self,
+        tread: Tread,
+        footing: Footing,
+        course: Course,
+        members: Members,
+        since: float,
+        *,
+        hopped: bool,
     ) -> None:
-        """As planned in ``course``, from ``since`` s on."""
-        self.tread, self.members, self.since = tread, members, since
+        """As planned in ``course``, from ``since`` s on; ``hopped``: it begins with a landing."""
+        self.tread, self.members, self.since, self.hopped = tread, members, since, hopped
         self.place = footing.place.copy()
         turn = quat_matrix(about(float(footing.place[2])))
         self.prints = np.append(footing.place[:2], tread.level) + tread.sole.foot @ turn.T
@@ -87,6 +95,8 @@ class Stance:
         self.footing = footing
         self.bearing, self.spread = bearing, spread
         self.roll = waddle(sole, bearing, time, settings)
+        ends = (self.hopped, local.last < len(course.time) - 1)
+        self.steep = level_ends(time, ends, settings) if sole.two_sided else np.ones(len(time))
 
     def placed(self, sample: Sample, frame: int) -> tuple[Array, Quat, Bools]:
         """Where the sole stands at a frame: centre (3,), turn from flat, points that bear (n,)."""
@@ -98,6 +108,7 @@ class Stance:
             size = math.sqrt(float(wanted @ wanted))
             wanted = wanted * min(1.0, tread.settings.max_tilt / max(size, 1e-9))
         tilt = self._settled(sample.time, tread.cone(self.spread[row]).nearest(wanted))
+        tilt *= self.steep[row]
         if tread.several:
             there = quat_product(about(float(self.place[2])), rotvec_quat(tilt))
             rotation = quat_matrix(there) @ tread.sole.flat

@@ -13,7 +13,7 @@ from physretarget.capture.actor import ActorMotion, ActorShape
 from physretarget.pipeline import Retargeted, RetargetSettings, retarget
 from physretarget.trained import TrainedMapper
 
-SHAPE = {"lamp": 7.0, "penguin": 8.0, "squirrel": 8.0}
+SHAPE = {"lamp": 9.0, "penguin": 8.0, "squirrel": 8.0}
 DRIFT = {"lamp": 25.0, "penguin": 13.0, "squirrel": 13.0}
 """Percent of the height, median over a capture's frames; docs/stream.md."""
 WALKS = ("walk", "bandai_walk")
