@@ -9,6 +9,8 @@ from physretarget.replay.scene import Mark
 from physretarget.report.words import TILES, duration, number, pretty, quantity
 
 MAX_ROWS = 300
+LEAST = 1e-4
+"""What a large figure shows at least: below it :func:`number` writes powers of ten."""
 
 
 def as_document(report: Any) -> Mapping[str, Any]:
@@ -86,7 +88,7 @@ def measure_tiles(document: Mapping[str, Any]) -> list[dict[str, Any]]:
         tiles.append(
             {
                 "label": label,
-                "value": value,
+                "value": value if "e−" not in value else f"< {LEAST:f}".rstrip("0"),
                 "unit": unit,
                 "note": "",
                 "good": None,

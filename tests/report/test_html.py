@@ -16,7 +16,7 @@ from physretarget.errors import UsageError
 from physretarget.mjcf import Character
 from physretarget.report import retarget_html
 from physretarget.report.charts import Chart, Series, finding_lanes, latent_plot, runs
-from physretarget.report.document import document_marks
+from physretarget.report.document import document_marks, measure_tiles
 from physretarget.report.html import render_html
 from physretarget.report.retarget_data import (
     ForceCurves,
@@ -225,6 +225,13 @@ def test_the_clip_stands_beside_its_actor(retargeting) -> None:
     ]  # fmt: skip
     assert [row["figure"] for row in data["strip"]["rows"]] == [0, 2, 1]
     assert len(data["strip"]["times"]) == 8
+
+
+def test_a_large_figure_is_no_power_of_ten(document) -> None:
+    document["measures"]["skate_speed_max_m_s"] = {"value": 9.66e-09, "unit": "m/s", "frame": 3}
+    shown = {tile["label"]: tile["value"] for tile in measure_tiles(document)}
+    assert shown["Fastest foot slide"] == "< 0.0001"
+    assert shown["Vertical force, highest"] == "2.41"
 
 
 def test_every_number_says_of_what_it_is(retargeting) -> None:
