@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from physretarget.errors import InputError
+from physretarget.errors import InputError, UsageError
 from physretarget.face.curve import Curve, Key
 
 Array = NDArray[np.float64]
@@ -169,6 +169,14 @@ def reduce_curve(
     keys: int | None = None,
     start: float = 0.0,
 ) -> Curve:
-    """Reduce dense samples by one of the two ways."""
+    """Reduce dense samples by one of the two ways.
+
+    Raises InputError for samples that cannot be reduced, UsageError for an error below zero or a
+    count below two.
+    """
+    if error is not None and not 0 <= error < np.inf:
+        raise UsageError(f"error is {error:g}; it must be zero or above.")
+    if keys is not None and keys < 2:
+        raise UsageError(f"keys is {keys}; a curve needs two at least.")
     reducer = {"decimate": decimate, "schneider": schneider}[how]
     return reducer(values, fps, error=error, keys=keys, start=start)

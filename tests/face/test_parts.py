@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from physretarget.errors import InputError
+from physretarget.errors import InputError, UsageError
 from physretarget.face.curve import Curve
 from physretarget.face.measure import extrema, extremum_timing, key_f1, style
 from physretarget.face.place import cheapest_through, lengths, shortest_path
@@ -151,6 +151,14 @@ def test_a_single_cubic_needs_two_keys():
         reduce_curve(np.array([0, np.nan]), 30)
     with pytest.raises(InputError, match="no samples"):
         reduce_curve(np.array([]), 30)
+
+
+@pytest.mark.parametrize("error", [-0.1, float("nan"), float("inf")])
+def test_an_error_that_is_none_is_told(error):
+    with pytest.raises(UsageError, match="zero or above"):
+        reduce_curve(np.arange(5.0), 30, error=error)
+    with pytest.raises(UsageError, match="two at least"):
+        reduce_curve(np.arange(5.0), 30, keys=0)
 
 
 def test_f1():
