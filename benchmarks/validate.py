@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from physretarget.clip import Clip, load_clip, open_clip
 from physretarget.mjcf import Character, derivatives, required_wrench
 from physretarget.report.text import render_text
-from physretarget.validation import Settings, chunk, validate
+from physretarget.validation import Settings, support, validate
 from physretarget.validation.cones import ConeFit, fit_forces
 
 Array = NDArray[np.float64]
@@ -75,10 +75,10 @@ def speed(data: Path, frames: int = 4000) -> None:
             spent.append(time.process_time() - start)
             return found
 
-        setattr(chunk, "fit_forces", timed)  # noqa: B010
+        setattr(support, "fit_forces", timed)  # noqa: B010
         repeats = 3
         whole = best(partial(validate, clip, character, settings=settings), repeats) / frames
-        setattr(chunk, "fit_forces", fit)  # noqa: B010
+        setattr(support, "fit_forces", fit)  # noqa: B010
         cones = min(sum(run) for run in np.array_split(spent, repeats)) / frames
         print(
             f"{name:10s} {bare * 1e6:9.1f} us {cones * 1e6:9.1f} us x{cones / bare:4.1f} "

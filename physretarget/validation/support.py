@@ -34,7 +34,8 @@ _DEAREST = 1.0
 # Frames of which the fit leaves more than this (BW, BW h) are looked at again for bodies that
 # skid. Points whose price rose by this (0.1 m/s) count as sliding, and friction brakes them where
 # it takes a third of the power that the cone allows: a blow that ends the sliding needs no more.
-_WITHHELD_BW, _PRICE_OF_SLIDING, _BRAKED_BY_A_BLOW = 0.05, 1e-3, 1 / 3
+_WITHHELD_BW, _PRICE_OF_SLIDING, _BRAKED_BY_A_BLOW = 0.1, 1e-3, 1 / 3
+_GAIN_BW = 0.05
 # What touches now comes before what touched a moment ago.
 _PRICE_OF_ABSENCE = 10 * RHO
 # A point that rises or sinks more than this per way along the floor, and more than the noise of
@@ -51,7 +52,8 @@ class Support:
     """Points (T, n) at which force may act: position world m, ``arm`` m from the CoM, body.
 
     ``own`` are those that touch in the frame itself, ``mask`` adds those of neighbouring
-    frames. ``bodies`` (B,) are those that support in any frame.
+    frames. ``late`` are those of them that are asked only where the others do not explain the
+    frame. ``bodies`` (B,) are those that support in any frame.
     """
 
     position: Floats
@@ -59,6 +61,7 @@ class Support:
     body: Ints
     mask: Bools
     own: Bools
+    late: Bools
     bodies: Ints
     floor: float
 
@@ -79,19 +82,21 @@ def find_support(touch: Touch, com: Floats, inner: slice, reach: int) -> Support
     if inner.stop == len(com):
         within[-1] += 1
     row, column = np.nonzero(touch.mask[inner])
-    found = [(row, frames[row], column)]
-    for nearest in _neighbours(touch.on, within):
+    found = [(row, frames[row], column, np.zeros(len(row), dtype=np.bool_))]
+    neighbours = _neighbours(touch.on, within)
+    for nearest in neighbours:
         for index in np.flatnonzero((nearest[inner] >= 0).any(axis=0)):
             source = nearest[inner, index]
-            late = np.flatnonzero(source >= 0)
-            mine = touch.mask[source[late]] & (touch.body[source[late]] == touch.bodies[index])
+            air = np.flatnonzero(source >= 0)
+            mine = touch.mask[source[air]] & (touch.body[source[air]] == touch.bodies[index])
             row, column = np.nonzero(mine)
-            found.append((late[row], source[late][row], column))
+            found.append((air[row], source[air][row], column, np.zeros(len(row), dtype=np.bool_)))
     for which in range(len(touch.bodies)):
-        found += _further(touch, com, frames, which, within[inner, 0])
-    row, source, column = (np.concatenate(part) for part in zip(*found, strict=True))
+        closest = (neighbours[0][:, which], neighbours[1][:, which])
+        found += _further(touch, com, frames, which, within[inner, 0], closest)
+    row, source, column, later = (np.concatenate(part) for part in zip(*found, strict=True))
     order = np.argsort(row, kind="stable")
-    row, source, column = row[order], source[order], column[order]
+    row, source, column, later = row[order], source[order], column[order], later[order]
     counts = np.bincount(row, minlength=len(frames))
     place = np.arange(len(row)) - np.repeat(np.cumsum(counts) - counts, counts)
     shape = (len(frames), int(counts.max(initial=0)))
@@ -101,7 +106,9 @@ def find_support(touch: Touch, com: Floats, inner: slice, reach: int) -> Support
     arm[row, place] = touch.position[source, column] - com[source]
     body[row, place], mask[row, place] = touch.body[source, column], True
     own[row, place] = source == frames[row]
-    return Support(position, arm, body, mask, own, np.unique(body[mask]), touch.floor)
+    late = np.zeros(shape, dtype=bool)
+    late[row, place] = later
+    return Support(position, arm, body, mask, own, late, np.unique(body[mask]), touch.floor)
 
 
 def _neighbours(on: Bools, reach: Ints) -> tuple[Ints, Ints]:
@@ -119,44 +126,52 @@ def _neighbours(on: Bools, reach: Ints) -> tuple[Ints, Ints]:
 
 
 def _further(
-    touch: Touch, com: Floats, frames: Ints, index: int, reach: Ints
-) -> list[tuple[Ints, Ints, Ints]]:
-    """Points at which a body that touches already will touch, or has touched, within reach.
+    touch: Touch, com: Floats, frames: Ints, index: int, reach: Ints, nearest: tuple[Ints, Ints]
+) -> list[tuple[Ints, Ints, Ints, Bools]]:
+    """Points at which a body will touch, or has touched, within reach, beyond those at hand.
 
     A heel strikes before the toes, a box on an edge before it lies: the blow of the second contact
-    is smeared like that of the first. Returns (frame, frame it comes from, column) of points that
-    are apart, on the floor and as seen from the CoM, from all of the body's points in the frame:
-    what stands has moved only as seen from the CoM, what rolls only on the floor.
+    is smeared like that of the first. At hand are the points of the frame itself, or of the
+    ``nearest`` (T,) frames before and after in which a body in the air touches. Returns (frame,
+    frame it comes from, column, late) of points that are apart from all of these, on the floor
+    and as seen from the CoM: what stands has moved only as seen from the CoM, what rolls only on
+    the floor.
     """
     body, on = int(touch.bodies[index]), touch.on[:, index]
     if not on.any():
         return []
     mine = touch.mask & (touch.body == body)
     number = mine.sum(axis=1)
-    found: list[tuple[Ints, Ints, Ints]] = []
+    found: list[tuple[Ints, Ints, Ints, Bools]] = []
     steps = np.arange(1, int(reach.max(initial=0)) + 1)
-    for side in (-1, 1):
+    for side, near in zip((-1, 1), nearest, strict=True):
         if len(steps) == 0:
             break
-        # Of the frames in reach on one side the nearest in which most points touch.
+        at_hand = np.where(on[frames], frames, near[frames])
         others = frames[:, None] + side * steps
         there = (others >= 0) & (others < len(com)) & (steps <= reach[:, None])
         others = np.clip(others, 0, len(com) - 1)
         counts = np.where(there, number[others], 0)
-        best = counts.argmax(axis=1)
-        source, most = others[np.arange(len(frames)), best], counts.max(axis=1)
-        # A sole that stands keeps its points but for a corner, what is round has one or two.
-        grows = (2 * most >= 3 * number[frames]) | (number[frames] <= 2)
-        grows &= most > 0
-        rows = np.flatnonzero(on[frames] & grows & (source != frames))
-        if len(rows) == 0:
-            continue
-        now, then = frames[rows], source[rows]
-        columns = np.argsort(~mine[then], axis=1, kind="stable")[:, : int(number[then].max())]
-        there = np.take_along_axis(mine[then], columns, axis=1)
-        apart = _apart(touch, mine, com, now, then, columns)
-        row, place = np.nonzero(there & (apart > touch.tolerance))
-        found.append((rows[row], then[row], columns[row, place]))
+        few, any_there = number[at_hand], (counts > 0).any(axis=1) & (at_hand >= 0)
+        # Of the frames in reach on one side the nearest in which most points touch. A sole that
+        # stands keeps its points but for a corner, what is round has one or two.
+        fullest = counts.argmax(axis=1)
+        fuller = (2 * counts.max(axis=1) >= 3 * few) | (few <= 2)
+        # What stands on a point or an edge may tumble on to another: the farthest frame as well.
+        last = len(steps) - 1 - (counts > 0)[:, ::-1].argmax(axis=1)
+        tumbles = (few <= 2) & (last != fullest)
+        for pick, wanted in ((fullest, fuller), (last, tumbles)):
+            source = others[np.arange(len(frames)), pick]
+            rows = np.flatnonzero(any_there & wanted & (source != at_hand))
+            if len(rows) == 0:
+                continue
+            now, then = at_hand[rows], source[rows]
+            columns = np.argsort(~mine[then], axis=1, kind="stable")[:, : int(number[then].max())]
+            present = np.take_along_axis(mine[then], columns, axis=1)
+            apart = _apart(touch, mine, com, now, then, columns)
+            row, place = np.nonzero(present & (apart > touch.tolerance))
+            late = ~on[frames[rows]] | (pick is last)
+            found.append((rows[row], then[row], columns[row, place], late[row]))
     return found
 
 
@@ -293,11 +308,16 @@ def fit_support(
     """
     arm, speed = support.arm / height, speeds(velocity)
     dear = prices(support, speed, tolerance)
-    fit = fit_forces(arm, support.mask, wrench, friction=friction, rho=dear)
+    first = support.mask & ~support.late
+    fit = fit_forces(arm, first, wrench, friction=friction, rho=dear)
     cheap = prices(support, np.zeros_like(speed), tolerance)
     left = np.linalg.norm(fit.residual, axis=1)
     slides = dear - cheap > _PRICE_OF_SLIDING
-    again = np.flatnonzero((left > _WITHHELD_BW) & slides.any(axis=1))
+    # Force at a point can lessen what is left only along this: its residual, seen at the point.
+    seen = fit.residual[:, None, :3] + np.cross(fit.residual[:, None, 3:], arm)
+    gain = seen[..., 2] + friction * speeds(seen)
+    open_ = (slides | support.late) & support.mask & (gain > _GAIN_BW)
+    again = np.flatnonzero((left > _WITHHELD_BW) & open_.any(axis=1))
     if len(again) == 0:
         return fit
     other = fit_forces(

@@ -313,3 +313,14 @@ def test_every_step_of_a_simulation_is_no_trembling(name: str) -> None:
         replace(CASES[name], fps=1000, xml=CASES[name].xml.replace('".002"', '".001"'))
     )
     assert not errors(validate(clip, character))
+
+
+CUBE = f"""<mujoco><option timestep=".001"/><worldbody>{PLANE}<body pos="0 0 .7"><freejoint/>
+<geom type="box" size=".2 .2 .2" mass="5"/></body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("speed", [{3: 0.3, 4: 0.2}, {0: 1.5, 1: 0.3, 3: 2.0, 4: 4.0, 5: 1.0}])
+def test_a_box_that_lands_on_one_corner_after_another_is_explained(speed: dict[int, float]) -> None:
+    """A filter spreads the blows of all corners over frames in which at most one touches."""
+    character, clip = recorded(Case(CUBE, fps=120, settle=0, seconds=2.0, speed=speed))
+    assert not errors(validate(clip, character, settings=Settings(lowpass_hz=6)))
