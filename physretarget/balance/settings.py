@@ -40,6 +40,6 @@ class BalanceSettings(Weights):
     flank: float = 0.1
     joint: float = 0.1
     stop: float = 100.0
-    rounds: int = 3
+    rounds: int = 4
     window: float = 10.0
     overlap: float = 1.5

@@ -157,13 +157,12 @@ def level_ends(time: Floats, hops: tuple[bool, bool], settings: ContactSettings)
     """(F,) from 0 where a stance begins or ends with a hop to 1 within ``rock`` s.
 
     A base that lands on one edge tips over. Scaling keeps a tilt within its cone, and a parabola is
-    how a rocking block comes to lie flat.
+    how a rocking block comes to lie flat. Who stands for a shorter time tilts less.
     """
-    flank = max(min(0.5 * float(time[-1] - time[0]), settings.rock), 1e-9)
     share = np.zeros(len(time))
     for hop, since in zip(hops, (time - time[0], time[-1] - time), strict=True):
         if hop:
-            share = np.maximum(share, 1.0 - np.clip(since / flank, 0.0, 1.0))
+            share = np.maximum(share, 1.0 - np.minimum(since / settings.rock, 1.0))
     return 1.0 - share * share
 
 

@@ -51,9 +51,9 @@ class Weights:
     limit: the most that the markers of a frame move (RMS).
     """
 
-    residual: float = 0.1
+    residual: float = 0.2
     spike: float = 5.0
-    roughness: float = 0.01
+    roughness: float = 0.005
     ends: float = 3.0
     limit: float = 0.08
 
