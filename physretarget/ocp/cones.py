@@ -16,9 +16,9 @@ __all__ = ["Solved", "solve"]
 Array = NDArray[np.float64]
 
 _REGULARIZATION = (1e-8, 1e-7, 1e-6)
-"""Of the solver's linear systems, tried in this order; the first is its own. Programmes with entries
-from 1e-4 to 1e7 now and then stop it a digit before its tolerance; a firmer one gets past that, and
-what it changes iterative refinement takes back."""
+"""Of the solver's linear systems, tried in this order; the first is its own. Programmes with
+entries from 1e-4 to 1e7 now and then stop it a digit before its tolerance; a firmer one gets past
+that, and what it changes iterative refinement takes back."""
 
 
 class Solved(NamedTuple):
