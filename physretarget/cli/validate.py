@@ -15,24 +15,19 @@ from rich.progress import Progress
 
 from physretarget.cli import app
 from physretarget.cli.common import command, complete, fail, messages, one_of, say
-from physretarget.clip import open_clip, write_file
+from physretarget.cli.validate_out import SUFFIXES, Judged, Output
+from physretarget.clip import open_clip
 from physretarget.clip.load import CLIP_SUFFIXES
 from physretarget.clip.raw import JointOrder
 from physretarget.errors import InputError, PhysretargetError, UsageError
 from physretarget.mjcf import Character
 from physretarget.mjcf.audit import audit
 from physretarget.report.html import render_html
-from physretarget.report.json import render_json
-from physretarget.report.junit import render_junit
-from physretarget.report.markdown import render_markdown
 from physretarget.report.rules import render_rule, render_rules
-from physretarget.report.sarif import render_sarif
-from physretarget.report.text import render_text
 from physretarget.report.words import count
 from physretarget.validation import (
     BY_CODE,
     RULES,
-    Report,
     Settings,
     apply_baseline,
     load_baseline,
@@ -41,12 +36,12 @@ from physretarget.validation import (
     validate,
 )
 from physretarget.validation.baseline import Accepted
+from physretarget.validation.report import Severity
 from physretarget.validation.rule import Profile
 
-FORMATS = ("text", "json", "sarif", "junit", "markdown", "html")
+FORMATS = tuple(SUFFIXES)
 PROFILES = get_args(Profile)
 ORDERS = get_args(JointOrder)
-_SUFFIX = {"text": "txt", "sarif": "sarif", "junit": "xml", "markdown": "md"}
 
 
 @command(
@@ -105,7 +100,12 @@ def validate_command(
     ] = "error",
     out: Annotated[
         Path | None,
-        typer.Option("--out", help="Report file; for several clips a folder.", metavar="PATH"),
+        typer.Option(
+            "--out",
+            help="Of several clips: a file for all (all.json), or a folder with a report of each "
+            "[default: stdout].",
+            metavar="FILE|FOLDER",
+        ),
     ] = None,
     joint_order: Annotated[
         str | None,
@@ -117,10 +117,17 @@ def validate_command(
 ) -> None:
     """Judge clips, or all clips of a folder, by physics.
 
+    Several clips make one document: an array of reports (json), one run (sarif), a suite per clip
+    (junit). HTML has a page per clip and needs a folder as --out.
+
     Exit code 1 if one fails, 2 if one could not be read.
     """
     one_of(format_, FORMATS, "--format")
     one_of(fail_on, ("error", "warning"), "--fail-on")
+    several = len(clips) > 1 or clips[0].is_dir()
+    level: Severity = "warning" if fail_on == "warning" else "error"
+    output = Output(format=format_, fail_on=level, path=out, several=several)
+    output.check()
     settings = _settings(config, profile, lowpass, also)
     if joint_order is not None:
         one_of(joint_order, ORDERS, "--joint-order")
@@ -129,26 +136,16 @@ def validate_command(
         format=format_, fps=fps, quat=quat, unit=unit, order=cast("JointOrder | None", joint_order),
     )  # fmt: skip
     _character(model)  # a broken model is one error, not one for every clip
-    several = len(clips) > 1 or clips[0].is_dir()
-    pages, unusable = _judged(_outcomes(_files(clips), job, jobs), several=several)
-    reports = [page.report for page in pages]
+    judged, unusable = _judged(_outcomes(_files(clips), job, jobs), several=several)
+    reports = [one.report for one in judged]
     if accept is not None:
         save_baseline(reports, accept)
         say(f"{accept}: {count(sum(len(r.findings) for r in reports), 'finding')} accepted.")
-    _put(pages, format_, out, folder=several)
+    output.put(judged)
     if unusable:
         raise typer.Exit(2)
-    if any(report.fails("warning" if fail_on == "warning" else "error") for report in reports):
+    if any(report.fails(level) for report in reports):
         raise typer.Exit(1)
-
-
-_RENDER: dict[str, Callable[[Report], str]] = {
-    "text": lambda report: render_text(report),
-    "json": render_json,
-    "sarif": render_sarif,
-    "junit": render_junit,
-    "markdown": render_markdown,
-}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,19 +162,12 @@ class _Job:
     order: JointOrder | None
 
 
-@dataclass(frozen=True)
-class _Outcome:
-    path: Path
-    report: Report
-    text: str
-
-
 @lru_cache(maxsize=1)
 def _character(model: Path) -> Character:
     return Character.load(model)
 
 
-def _judge(path: Path, job: _Job, progress: Callable[[int, int], None] | None = None) -> _Outcome:
+def _judge(path: Path, job: _Job, progress: Callable[[int, int], None] | None = None) -> Judged:
     character = _character(job.model)
     clip = open_clip(
         path, character=character, fps=job.fps, quat=job.quat, joint_order=job.order, unit=job.unit
@@ -185,30 +175,27 @@ def _judge(path: Path, job: _Job, progress: Callable[[int, int], None] | None = 
     report = validate(clip, character, settings=job.settings, progress=progress)
     if job.accepted is not None:
         report = apply_baseline(report, job.accepted)
-    if job.format == "html":
-        text = render_html(report, clip.whole(), character)
-    else:
-        text = _RENDER[job.format](report)
+    page = render_html(report, clip.whole(), character) if job.format == "html" else None
     # What is drawn has been drawn: the arrays need not travel between processes.
-    return _Outcome(path, replace(report, series={}, forces=None), text)
+    return Judged(path, replace(report, series={}, forces=None), page)
 
 
 def _attempt(
     path: Path, job: _Job, progress: Callable[[int, int], None] | None = None
-) -> _Outcome | PhysretargetError:
+) -> Judged | PhysretargetError:
     try:
         return _judge(path, job, progress)
     except PhysretargetError as error:
         return error
 
 
-def _from_elsewhere(path: Path, job: _Job) -> _Outcome | str:
+def _from_elsewhere(path: Path, job: _Job) -> Judged | str:
     """In another process: errors come back as their sentence."""
     found = _attempt(path, job)
     return str(found) if isinstance(found, PhysretargetError) else found
 
 
-def _outcomes(paths: list[Path], job: _Job, jobs: int) -> Iterator[_Outcome | PhysretargetError]:
+def _outcomes(paths: list[Path], job: _Job, jobs: int) -> Iterator[Judged | PhysretargetError]:
     """Every clip's outcome in the order of the paths, with a bar on a terminal."""
     shown = messages.is_terminal and not messages.quiet
     with Progress(console=messages, transient=True, disable=not shown) as bar:
@@ -231,23 +218,23 @@ def _outcomes(paths: list[Path], job: _Job, jobs: int) -> Iterator[_Outcome | Ph
 
 
 def _judged(
-    outcomes: Iterator[_Outcome | PhysretargetError], *, several: bool
-) -> tuple[list[_Outcome], int]:
+    outcomes: Iterator[Judged | PhysretargetError], *, several: bool
+) -> tuple[list[Judged], int]:
     """The outcomes of clips that could be judged, and how many could not.
 
     One of ``several`` is told as it fails; one alone raises its error.
     """
-    pages: list[_Outcome] = []
+    judged: list[Judged] = []
     unusable = 0
     for outcome in outcomes:
-        if isinstance(outcome, _Outcome):
-            pages.append(outcome)
+        if isinstance(outcome, Judged):
+            judged.append(outcome)
         elif several:
             fail(outcome)
             unusable += 1
         else:
             raise outcome
-    return pages, unusable
+    return judged, unusable
 
 
 def _files(clips: list[Path]) -> list[Path]:
@@ -279,33 +266,6 @@ def _settings(
         one_of(also, ("literature",), "--also")
         given["also_literature"] = True
     return replace(settings, **given)  # type: ignore[arg-type]
-
-
-def _put(pages: list[_Outcome], format_: str, out: Path | None, *, folder: bool) -> None:
-    if out is None:
-        for page in pages:
-            typer.echo(page.text, nl=not page.text.endswith("\n"))
-        return
-    if not folder:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        for page in pages:
-            write_file(out, page.text.encode())
-            say(f"{out}: {_verdict(page.report)}")
-        return
-    out.mkdir(parents=True, exist_ok=True)
-    stems = [page.path.stem for page in pages]
-    for page in pages:
-        # walk.csv and walk.npz must not share a page.
-        path = page.path
-        name = path.stem if stems.count(path.stem) == 1 else path.name
-        target = out / f"{name}.{_SUFFIX.get(format_, format_)}"
-        write_file(target, page.text.encode())
-        say(f"{target}: {_verdict(page.report)}")
-
-
-def _verdict(report: Report) -> str:
-    told = "passed" if report.passed else "failed"
-    return f"{told}, {count(report.errors, 'error')}, {count(report.warnings, 'warning')}."
 
 
 @command(app, "rules", example="physretarget rules DYN001")

@@ -23,8 +23,18 @@ _SCHEMA = (
 
 
 def render_sarif(reports: Report | Sequence[Report]) -> str:
-    """One run with all rules and the findings of all clips."""
+    """One run with all rules and the findings of all clips.
+
+    One and not one per clip: GitHub's code scanning refuses a file whose runs share tool and
+    category, and would show runs of distinct categories as so many separate analyses.
+    """
     many = [reports] if isinstance(reports, Report) else list(reports)
+    artifacts: list[dict[str, Any]] = []  # without repetition: a clip may be named twice
+    places: list[int] = []
+    for artifact in map(_artifact, many):
+        if artifact not in artifacts:
+            artifacts.append(artifact)
+        places.append(artifacts.index(artifact))
     run = {
         "tool": {
             "driver": {
@@ -34,22 +44,26 @@ def render_sarif(reports: Report | Sequence[Report]) -> str:
                 "rules": [_rule(rule) for rule in RULES],
             }
         },
-        "artifacts": [
-            {"location": {"uri": _uri(r.clip.path)}, "hashes": {"sha-256": r.clip.sha256}}
-            if r.clip.sha256
-            else {"location": {"uri": _uri(r.clip.path)}}
-            for r in many
-        ],
+        "artifacts": artifacts,
         "invocations": [
             {
                 "executionSuccessful": True,
                 "toolExecutionNotifications": [n for r in many for n in _gaps(r)],
             }
         ],
-        "results": [_result(f, r, i) for i, r in enumerate(many) for f in r.findings],
+        "results": [
+            _result(f, r, i) for i, r in zip(places, many, strict=True) for f in r.findings
+        ],
     }
     document = {"$schema": _SCHEMA, "version": "2.1.0", "runs": [run]}
     return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _artifact(report: Report) -> dict[str, Any]:
+    location = {"location": {"uri": _uri(report.clip.path)}}
+    if not report.clip.sha256:
+        return location
+    return {**location, "hashes": {"sha-256": report.clip.sha256}}
 
 
 def _rule(rule: Rule) -> dict[str, Any]:

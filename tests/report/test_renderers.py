@@ -103,6 +103,8 @@ def test_json_keeps_its_schema(report: Report) -> None:
     assert document["measures"]["float_time_s"]["value"] is None
     assert document["findings"][0]["frame_first"] == 10
     assert "series" not in document
+    assert json.loads(render_json([report])) == [document]
+    assert json.loads(render_json([])) == []
 
 
 @pytest.mark.parametrize(
@@ -186,11 +188,21 @@ def test_sarif_keeps_the_official_schema(report: Report) -> None:
     check = Draft4Validator(schema, format_checker=Draft4Validator.FORMAT_CHECKER)
     none = replace(report, clip=replace(report.clip, sha256="", first_line=None))
     far = replace(report, clip=replace(report.clip, path=str(Path("a b.csv").absolute())))
-    for many in ([report], [report, none, far], replace(report, findings=())):
+    for many in (
+        [report],
+        [report, none, far],
+        [report, far, report],
+        replace(report, findings=()),
+    ):
         check.validate(json.loads(render_sarif(many)))
     uri = json.loads(render_sarif(far))["runs"][0]["artifacts"][0]["location"]["uri"]
     assert uri.startswith("file:///")
     assert uri.endswith("a%20b.csv")
+    twice = json.loads(render_sarif([report, far, report]))["runs"][0]
+    assert len(twice["artifacts"]) == 2
+    place = [r["locations"][0]["physicalLocation"]["artifactLocation"] for r in twice["results"]]
+    assert [p["index"] for p in place] == [0, 0, 0, 1, 1, 1, 0, 0, 0]
+    assert all(twice["artifacts"][p["index"]]["location"]["uri"] == p["uri"] for p in place)
     for damage in ({"level": "fatal"}, {"ruleIndex": -2}, {"message": {}}):
         document = json.loads(render_sarif(report))
         document["runs"][0]["results"][0] |= damage

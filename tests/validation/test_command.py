@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import io
 import json
+import re
 from pathlib import Path
+from xml.etree import ElementTree as Xml
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from typer.testing import CliRunner
 from physretarget.cli import app, common
 from physretarget.cli import validate as command
 from physretarget.clip import Clip
+from physretarget.errors import UsageError
 from physretarget.kinematics import forward
 from physretarget.mjcf import Character
 from physretarget.validation import Settings, analysis, validate
@@ -133,12 +136,102 @@ def test_several_clips_in_their_order_whatever_the_jobs(library: Path, jobs: str
         ["validate", *map(str, clips), "--model", str(library / "box.xml"), "--format", "json",
          "--jobs", jobs],
     )  # fmt: skip
-    decoder, text, found = json.JSONDecoder(), result.stdout, []
-    while text.strip():
-        document, end = decoder.raw_decode(text.lstrip())
-        found.append(Path(document["clip"]["path"]).name)
-        text = text.lstrip()[end:]
-    assert found == ["b_floats.npz", "a_stands.npz"]
+    assert [Path(d["clip"]["path"]).name for d in json.loads(result.stdout)] == [
+        "b_floats.npz", "a_stands.npz",
+    ]  # fmt: skip
+
+
+def names_in(text: str, format_: str) -> list[str]:
+    """The clips that a document is about, by a parser of its format."""
+    if format_ == "junit":
+        root = Xml.fromstring(text.split("\n", 1)[1])
+        assert root.tag == "testsuites"
+        paths = [suite.get("name", "") for suite in root]
+    elif format_ == "json":
+        paths = [report["clip"]["path"] for report in json.loads(text)]
+    elif format_ == "sarif":
+        (only,) = json.loads(text)["runs"]
+        paths = [artifact["location"]["uri"] for artifact in only["artifacts"]]
+    elif format_ == "markdown":
+        return re.findall(r"^### .*`(\w+\.npz)`", text, flags=re.MULTILINE)
+    else:
+        paths = list(dict.fromkeys(re.findall(r"\S+\.npz", text)))
+    return [Path(path).name for path in paths]
+
+
+@pytest.mark.parametrize(
+    ("format_", "name"),
+    [("json", "all.json"), ("sarif", "all.sarif"), ("sarif", "all.sarif.json"),
+     ("junit", "all.xml"), ("markdown", "all.md"), ("text", "all.txt")],
+)  # fmt: skip
+def test_several_clips_make_one_document(library: Path, format_: str, name: str) -> None:
+    told = ["validate", str(library / "clips"), "--model", str(library / "box.xml"), "--format"]
+    printed = CliRunner().invoke(app, [*told, format_])
+    assert names_in(printed.stdout, format_) == ["a_stands.npz", "b_floats.npz"]
+    code, said = run(library, "--format", format_, "--out", str(library / "new" / name))
+    assert code == 1
+    assert "2 clips, 1 failed" in said
+    assert [p.name for p in (library / "new").iterdir()] == [name]
+    assert (library / "new" / name).read_text() == printed.stdout
+
+
+def test_junit_fails_by_what_makes_the_exit_code_one(library: Path) -> None:
+    """A warning is a failure to the file where it is one to the shell."""
+    config = library / "mild.toml"
+    config.write_text('[severity]\nCON003 = "warning"\n')
+    for fail_on, failures in (("error", 0), ("warning", 1)):
+        code, said = run(
+            library, "--format", "junit", "--config", str(config), "--fail-on", fail_on
+        )  # fmt: skip
+        assert code == (1 if failures else 0)
+        assert sum(int(s.get("failures", "")) for s in Xml.fromstring(said.split("\n", 1)[1])) == (
+            failures
+        )
+
+
+def test_a_folder_stays_an_array_whatever_it_holds(library: Path) -> None:
+    (library / "clips" / "b_floats.npz").unlink()
+    code, said = run(library, "--format", "json")
+    assert code == 0
+    assert names_in(said, "json") == ["a_stands.npz"]
+
+
+@pytest.mark.parametrize("name", ["reports", "reports.d", "there.json"])
+def test_a_folder_gets_a_file_for_each_clip(library: Path, name: str) -> None:
+    (library / "there.json").mkdir()
+    assert run(library, "--format", "junit", "--out", str(library / name))[0] == 1
+    assert sorted(p.name for p in (library / name).iterdir()) == ["a_stands.xml", "b_floats.xml"]
+
+
+def test_one_clip_goes_into_a_folder_that_is_there_and_else_becomes_the_file(library: Path) -> None:
+    (library / "there").mkdir()
+    told = ["validate", str(library / "clips" / "a_stands.npz"), "--model"]
+    for out in ("there", "report"):
+        given = [*told, str(library / "box.xml"), "--format", "json", "--out", str(library / out)]
+        assert CliRunner().invoke(app, given).exit_code == 0
+    document = json.loads((library / "there" / "a_stands.json").read_text())
+    assert document == json.loads((library / "report").read_text())
+
+
+@pytest.mark.parametrize("out", [(), ("--out", "page.html")])
+def test_html_of_several_clips_needs_a_folder(
+    library: Path, out: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(library)
+    told = ["validate", str(library / "clips"), "--model", str(library / "box.xml")]
+    refused = CliRunner().invoke(app, [*told, "--format", "html", *out])
+    assert isinstance(refused.exception, UsageError)
+    assert refused.exception.exit_code == 2
+    assert "--out must name a folder" in str(refused.exception)
+    assert not Path("page.html").exists()
+    assert run(library, "--format", "html", "--out", "pages")[0] == 1
+    assert sorted(p.name for p in Path("pages").iterdir()) == ["a_stands.html", "b_floats.html"]
+
+
+def test_a_file_in_the_folders_place_is_an_error(library: Path) -> None:
+    (library / "reports").write_text("mine")
+    assert run(library, "--out", str(library / "reports"))[0] == 2
+    assert (library / "reports").read_text() == "mine"
 
 
 def test_progress_is_shown_on_a_terminal_and_nowhere_else(

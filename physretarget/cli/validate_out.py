@@ -1,0 +1,135 @@
+"""Where validate's reports go: stdout, one file for all clips, or a folder with one for each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import typer
+
+from physretarget.cli.common import say
+from physretarget.clip import write_file
+from physretarget.errors import InputError, UsageError
+from physretarget.report.json import render_json
+from physretarget.report.junit import render_junit
+from physretarget.report.markdown import render_markdown
+from physretarget.report.sarif import render_sarif
+from physretarget.report.text import render_text
+from physretarget.report.words import count
+from physretarget.validation import Report
+from physretarget.validation.report import Severity
+
+SUFFIXES: dict[str, tuple[str, ...]] = {
+    "text": (".txt",),
+    "json": (".json",),
+    "sarif": (".sarif", ".json"),
+    "junit": (".xml",),
+    "markdown": (".md", ".markdown"),
+    "html": (".html", ".htm"),
+}
+"""By format, what its files end in; the first is what files in a folder get."""
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A clip's report; ``page`` is its HTML, which needs the poses, where that was asked for."""
+
+    path: Path
+    report: Report
+    page: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Output:
+    """How reports are written.
+
+    ``several`` is what was asked for, not what was found: a folder with one clip in it counts,
+    so that a script gets the same kind of document whatever the folder holds today.
+    """
+
+    format: str
+    fail_on: Severity
+    path: Path | None
+    several: bool
+
+    def check(self) -> None:
+        """Raise UsageError where the reports will not fit: before the clips are judged."""
+        if self.format == "html" and self.several and not self._folder():
+            told = "" if self.path is None else f", not the file '{self.path}'"
+            raise UsageError(
+                f"an HTML report shows one clip: of several, --out must name a folder{told}."
+            )
+
+    def put(self, judged: Sequence[Judged]) -> None:
+        """Write them all."""
+        if self.path is None:
+            text = self._all(judged)
+            typer.echo(text, nl=not text.endswith("\n"))
+        elif self._folder():
+            self._put_each(judged, self.path)
+        else:
+            write_file(self.path, self._all(judged).encode())
+            say(f"{self.path}: {_verdict(judged)}")
+
+    def _folder(self) -> bool:
+        """Whether each clip gets a file: a folder that is there, or several and no file's name."""
+        if self.path is None:
+            return False
+        named = any(self.path.suffix.lower() in known for known in SUFFIXES.values())
+        return self.path.is_dir() or (self.several and not named)
+
+    def _put_each(self, judged: Sequence[Judged], folder: Path) -> None:
+        if folder.exists() and not folder.is_dir():
+            raise InputError("is a file; reports of several clips need a folder.", path=folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        stems = [one.path.stem for one in judged]
+        for one in judged:
+            # walk.csv and walk.npz must not share a page.
+            name = one.path.stem if stems.count(one.path.stem) == 1 else one.path.name
+            target = folder / f"{name}{SUFFIXES[self.format][0]}"
+            write_file(target, self._one(one).encode())
+            say(f"{target}: {_verdict([one])}")
+
+    def _one(self, one: Judged) -> str:
+        if one.page is not None:
+            return one.page
+        return render(one.report, self.format, self.fail_on)
+
+    def _all(self, judged: Sequence[Judged]) -> str:
+        if not self.several:
+            return "".join(self._one(one) for one in judged)
+        return render([one.report for one in judged], self.format, self.fail_on)
+
+
+def render(reports: Report | Sequence[Report], format_: str, fail_on: Severity) -> str:
+    """One document that a parser of the format takes whole; of several reports, about them all.
+
+    JSON: of several an array. SARIF: one run, because GitHub's code scanning refuses files whose
+    runs share tool and category. JUnit: a suite per clip.
+    """
+    match format_:
+        case "json":
+            return render_json(reports)
+        case "sarif":
+            return render_sarif(reports)
+        case "junit":
+            return render_junit(reports, fail_on=fail_on)
+        case "markdown":
+            return render_markdown(reports)
+        case "text":
+            many = [reports] if isinstance(reports, Report) else reports
+            return "\n".join(render_text(report) for report in many)
+    raise ValueError(f"{format_} is drawn where the clip is at hand")
+
+
+def _verdict(judged: Sequence[Judged]) -> str:
+    reports = [one.report for one in judged]
+    failed = sum(not report.passed for report in reports)
+    told = "failed" if failed else "passed"
+    if len(reports) > 1:
+        told = f"{count(len(reports), 'clip')}, {failed or 'none'} failed"
+    return (
+        f"{told}, {count(sum(r.errors for r in reports), 'error')}, "
+        f"{count(sum(r.warnings for r in reports), 'warning')}."
+    )
