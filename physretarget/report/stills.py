@@ -29,8 +29,9 @@ WIDTH, HEIGHT = 190, 176
 """Pixels of one picture, as in filmstrip.js."""
 QUALITY = 80
 FOVY, EYE, AIM = 28.0, np.array([1.95, -1.45, 1.05]), 0.49
-FLOOR = 0.86, 0.88, 0.91, 1.0
 """The camera of filmstrip.js: degrees; where it stands and the height it aims at, in heights."""
+FLOOR, SKY = (0.86, 0.88, 0.91, 1.0), (238, 241, 246)
+"""As light as the page's own scene."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -88,7 +89,16 @@ def _small(model: mujoco.MjModel) -> mujoco.MjModel:
     floor = small.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
     small.geom_matid[floor] = -1  # as plain as the page's own, which takes its place
     small.geom_rgba[floor] = FLOOR
+    _plain_sky(small)
     return small
+
+
+def _plain_sky(model: mujoco.MjModel) -> None:
+    for sky in np.flatnonzero(model.tex_type == mujoco.mjtTexture.mjTEXTURE_SKYBOX):
+        first, channels = int(model.tex_adr[sky]), int(model.tex_nchannel[sky])
+        size = int(model.tex_height[sky] * model.tex_width[sky])
+        model.tex_data[first : first + size * channels].reshape(size, channels)[:, :3] = SKY
+    model.vis.rgba.haze[:3] = np.array(SKY) / 255.0
 
 
 def _data_uri(picture: NDArray[np.uint8]) -> str:
