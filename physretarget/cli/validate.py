@@ -19,6 +19,7 @@ from physretarget.cli.validate_out import SUFFIXES, Judged, Output
 from physretarget.clip import open_clip
 from physretarget.clip.load import CLIP_SUFFIXES
 from physretarget.clip.raw import JointOrder
+from physretarget.clip.unit import UNITS
 from physretarget.errors import InputError, PhysretargetError, UsageError
 from physretarget.mjcf import Character
 from physretarget.mjcf.audit import audit
@@ -66,7 +67,11 @@ def validate_command(
     ] = None,
     unit: Annotated[
         str | None,
-        typer.Option("--unit", help="Their length unit, if not m.", metavar="m|cm|mm|inch"),
+        typer.Option(
+            "--unit",
+            help="Their length unit, if not m; or metres per unit, as in 0.0254.",
+            metavar="|".join(UNITS) + "|METRES",
+        ),
     ] = None,
     config: Annotated[
         Path | None, typer.Option("--config", help="Rules and thresholds.", metavar="FILE.toml")

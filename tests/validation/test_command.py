@@ -78,6 +78,15 @@ def test_parents_of_out_are_made_and_html_shows_forces(library: Path) -> None:
     assert "contact force" in out.read_text(encoding="utf-8")
 
 
+def test_the_help_names_every_unit_and_one_written_out_is_taken(library: Path) -> None:
+    told = CliRunner().invoke(app, ["validate", "--help"]).output
+    assert "--unit m|cm|mm|inch|METRES" in told
+    assert "metres per unit, as in 0.0254" in " ".join(told.split())
+    code, said = run(library, "--format", "json", "--unit", "0.5")
+    assert code == 1  # boxes at half their height stand in the floor
+    assert any("0.5 m to the unit" in n for r in json.loads(said) for n in r["clip"]["notes"])
+
+
 def test_an_unknown_joint_order_and_an_empty_folder_are_usage_errors(library: Path) -> None:
     assert run(library, "--joint-order", "alphabetic")[0] == 2
     for path in (library / "clips").glob("*.npz"):
