@@ -243,14 +243,29 @@ def _compare_names(ours: list[str], theirs: list[str], path: str, model: str) ->
         return
     parts = []
     if unknown:
-        close = get_close_matches(unknown[0], ours, n=1)
+        close = _near(unknown[0], missing)
         parts.append(
             f"the clip's {_few(unknown)} not in model '{model}'"
-            + (f" (did it mean '{close[0]}'?)" if close else "")
+            + (f" (did it mean '{close}'?)" if close else "")
         )
     if missing:
         parts.append(f"the model's {_few(missing)} not in the clip")
     raise InputError("joints differ: " + "; ".join(parts) + ".", path=path)
+
+
+def _near(name: str, names: list[str]) -> str | None:
+    """The one of ``names`` that ``name`` may be a misspelling of, case aside.
+
+    Names of joints share much: 0.6, the library's own cutoff, would call left_hip near to
+    right_hip. "_joint" makes any two names nearer, and is often left out: names are compared
+    without it, and whole only where they are all but the same.
+    """
+    for shown, cutoff in ((lambda text: text.removesuffix("_joint"), 0.8), (str, 0.9)):
+        candidates = {shown(other.lower()): other for other in names}
+        close = get_close_matches(shown(name.lower()), candidates, n=1, cutoff=cutoff)
+        if close:
+            return candidates[close[0]]
+    return None
 
 
 def _few(names: list[str]) -> str:

@@ -4,6 +4,7 @@ import contextlib
 import io
 import os
 import pickle
+import re
 import struct
 import time as clock
 import zipfile
@@ -133,6 +134,32 @@ def test_other_joint_names_are_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="right_x") as caught:
         load_clip(tmp_path / "c.npz", character=Toy())
     assert "'right_2'" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("theirs", "meant"),
+    [("left_knee_jont", "left_knee_joint"), ("left_knee", "left_knee_joint"),
+     ("Left_Knee_Joint", "left_knee_joint"), ("left_elbow_joint", None),
+     ("right_knee_joint", None), ("hip_left", None),
+     ("floating_base", None), ("left_hip_pitch_link", None)],
+)  # fmt: skip
+def test_only_a_joint_that_is_near_and_missing_is_suggested(
+    tmp_path: Path, theirs: str, meant: str | None
+) -> None:
+    """left_hip_pitch_joint is nearest to the last, but the clip has it."""
+    toy = Toy()
+    ours = ("floating_base_joint", "left_hip_pitch_joint", "left_knee_joint", "waist", "neck")
+    toy.joint_names = ours
+    np.savez(
+        tmp_path / "c.npz",
+        qpos=motion(),
+        fps=30,
+        joint_names=np.array([*ours[:2], theirs, *ours[3:]]),
+    )
+    with pytest.raises(InputError, match=f"joint '{theirs}' is not in model 'toy'") as caught:
+        load_clip(tmp_path / "c.npz", character=toy)
+    told = re.findall(r"did it mean '(\w+)'", str(caught.value))
+    assert told == ([] if meant is None else [meant])
 
 
 def test_locomujoco(tmp_path: Path) -> None:
