@@ -28,7 +28,7 @@ FLOOR_SLACK = 1e-4
 """Carried bodies may be this far below the floor (m) without being lifted."""
 SOLE_SLACK = 3e-3
 """So may feet (m): a rounded toe that a foot rolls over dips below the point that it stands on."""
-ROUNDS = 3
+ROUNDS = 6
 """Lifting a body moves its neighbours: so often is looked again."""
 
 
