@@ -274,8 +274,12 @@ def codes(report: Report) -> set[str]:
     return {finding.code for finding in report.findings}
 
 
+# It only says in the coverage what nobody judges: see test_foreign_models.py.
+SILENT = {"DAT008"}
+
+
 def test_every_rule_has_a_firing_clip() -> None:
-    assert set(FIRING) == set(BY_CODE)
+    assert set(FIRING) == set(BY_CODE) - SILENT
 
 
 @pytest.mark.parametrize("code", sorted(FIRING))
