@@ -141,13 +141,14 @@ def validate_command(
         format=format_, fps=fps, quat=quat, unit=unit, order=cast("JointOrder | None", joint_order),
     )  # fmt: skip
     _character(model)  # a broken model is one error, not one for every clip
-    judged, unusable = _judged(_outcomes(_files(clips), job, jobs), several=several)
+    files = _files(clips)
+    judged, unread = _judged(files, _outcomes(files, job, jobs), several=several)
     reports = [one.report for one in judged]
     if accept is not None:
         save_baseline(reports, accept)
         say(f"{accept}: {count(sum(len(r.findings) for r in reports), 'finding')} accepted.")
-    output.put(judged)
-    if unusable:
+    output.put(judged, unread)
+    if unread:
         raise typer.Exit(2)
     if any(report.fails(level) for report in reports):
         raise typer.Exit(1)
@@ -223,23 +224,23 @@ def _outcomes(paths: list[Path], job: _Job, jobs: int) -> Iterator[Judged | Phys
 
 
 def _judged(
-    outcomes: Iterator[Judged | PhysretargetError], *, several: bool
-) -> tuple[list[Judged], int]:
-    """The outcomes of clips that could be judged, and how many could not.
+    paths: list[Path], outcomes: Iterator[Judged | PhysretargetError], *, several: bool
+) -> tuple[list[Judged], dict[str, str]]:
+    """The outcomes of clips that could be judged, and why the others could not.
 
     One of ``several`` is told as it fails; one alone raises its error.
     """
     judged: list[Judged] = []
-    unusable = 0
-    for outcome in outcomes:
+    unread: dict[str, str] = {}
+    for path, outcome in zip(paths, outcomes, strict=True):
         if isinstance(outcome, Judged):
             judged.append(outcome)
         elif several:
             fail(outcome)
-            unusable += 1
+            unread[str(path)] = str(outcome)
         else:
             raise outcome
-    return judged, unusable
+    return judged, unread
 
 
 def _files(clips: list[Path]) -> list[Path]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 
 import typer
 
@@ -61,15 +62,15 @@ class Output:
                 f"an HTML report shows one clip: of several, --out must name a folder{told}."
             )
 
-    def put(self, judged: Sequence[Judged]) -> None:
-        """Write them all."""
+    def put(self, judged: Sequence[Judged], unread: Mapping[str, str]) -> None:
+        """Write them all; ``unread`` are the clips that could not be judged, and why."""
         if self.path is None:
-            text = self._all(judged)
+            text = self._all(judged, unread)
             typer.echo(text, nl=not text.endswith("\n"))
         elif self._folder():
             self._put_each(judged, self.path)
         else:
-            write_file(self.path, self._all(judged).encode())
+            write_file(self.path, self._all(judged, unread).encode())
             say(f"{self.path}: {_verdict(judged)}")
 
     def _folder(self) -> bool:
@@ -96,25 +97,31 @@ class Output:
             return one.page
         return render(one.report, self.format, self.fail_on)
 
-    def _all(self, judged: Sequence[Judged]) -> str:
+    def _all(self, judged: Sequence[Judged], unread: Mapping[str, str]) -> str:
         if not self.several:
             return "".join(self._one(one) for one in judged)
-        return render([one.report for one in judged], self.format, self.fail_on)
+        return render([one.report for one in judged], self.format, self.fail_on, unread)
 
 
-def render(reports: Report | Sequence[Report], format_: str, fail_on: Severity) -> str:
+def render(
+    reports: Report | Sequence[Report],
+    format_: str,
+    fail_on: Severity,
+    unread: Mapping[str, str] = MappingProxyType({}),
+) -> str:
     """One document that a parser of the format takes whole; of several reports, about them all.
 
     JSON: of several an array. SARIF: one run, because GitHub's code scanning refuses files whose
-    runs share tool and category. JUnit: a suite per clip.
+    runs share tool and category. JUnit: a suite per clip. These two have a word for clips that
+    could not be read; elsewhere they are missing, and stderr names them.
     """
     match format_:
         case "json":
             return render_json(reports)
         case "sarif":
-            return render_sarif(reports)
+            return render_sarif(reports, unread=unread)
         case "junit":
-            return render_junit(reports, fail_on=fail_on)
+            return render_junit(reports, fail_on=fail_on, unread=unread)
         case "markdown":
             return render_markdown(reports)
         case "text":

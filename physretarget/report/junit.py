@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from xml.etree import ElementTree as Xml
 
 from physretarget.validation.codes import BY_CODE
 from physretarget.validation.report import Finding, Report
 
 
-def render_junit(reports: Report | Sequence[Report], *, fail_on: str = "error") -> str:
-    """Rules with findings at or above ``fail_on`` fail, rules not covered are skipped."""
+def render_junit(
+    reports: Report | Sequence[Report],
+    *,
+    fail_on: str = "error",
+    unread: Mapping[str, str] = MappingProxyType({}),
+) -> str:
+    """Rules with findings at or above ``fail_on`` fail, rules not covered are skipped.
+
+    ``unread`` are clips that could not be judged, and why: each a suite with an error.
+    """
     many = [reports] if isinstance(reports, Report) else list(reports)
     root = Xml.Element("testsuites", name="physretarget")
     for report in many:
         _suite(root, report, fail_on)
+    for path, why in unread.items():
+        _broken(root, path, why)
     Xml.indent(root)
     return (
         '<?xml version="1.0" encoding="UTF-8"?>\n' + Xml.tostring(root, encoding="unicode") + "\n"
@@ -47,6 +58,14 @@ def _suite(root: Xml.Element, report: Report, fail_on: str) -> None:
     suite.set("failures", str(failures))
     suite.set("skipped", str(skipped))
     suite.set("errors", "0")
+
+
+def _broken(root: Xml.Element, path: str, why: str) -> None:
+    suite = Xml.SubElement(
+        root, "testsuite", name=_clean(path), tests="1", failures="0", skipped="0", errors="1"
+    )
+    case = Xml.SubElement(suite, "testcase", classname=_clean(path), name="can be judged")
+    Xml.SubElement(case, "error", message=_clean(why))
 
 
 def _line(finding: Finding) -> str:

@@ -7,8 +7,9 @@ header) it is the region; everywhere else frames stand in the message and the pr
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import PurePath
+from types import MappingProxyType
 from typing import Any
 from urllib.parse import quote
 
@@ -22,8 +23,12 @@ _SCHEMA = (
 )
 
 
-def render_sarif(reports: Report | Sequence[Report]) -> str:
+def render_sarif(
+    reports: Report | Sequence[Report], *, unread: Mapping[str, str] = MappingProxyType({})
+) -> str:
     """One run with all rules and the findings of all clips.
+
+    ``unread`` are clips that could not be judged, and why: the run was no success then.
 
     One and not one per clip: GitHub's code scanning refuses a file whose runs share tool and
     category, and would show runs of distinct categories as so many separate analyses.
@@ -47,8 +52,11 @@ def render_sarif(reports: Report | Sequence[Report]) -> str:
         "artifacts": artifacts,
         "invocations": [
             {
-                "executionSuccessful": True,
-                "toolExecutionNotifications": [n for r in many for n in _gaps(r)],
+                "executionSuccessful": not unread,
+                "toolExecutionNotifications": [
+                    *(_broken(path, why) for path, why in unread.items()),
+                    *(n for r in many for n in _gaps(r)),
+                ],
             }
         ],
         "results": [
@@ -106,6 +114,14 @@ def _result(finding: Finding, report: Report, index: int) -> dict[str, Any]:
             "limit": finding.limit,
             "unit": finding.unit,
         },
+    }
+
+
+def _broken(path: str, why: str) -> dict[str, Any]:
+    return {
+        "level": "error",
+        "message": {"text": why},
+        "locations": [{"physicalLocation": {"artifactLocation": {"uri": _uri(path)}}}],
     }
 
 

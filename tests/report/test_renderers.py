@@ -198,6 +198,7 @@ def test_sarif_keeps_the_official_schema(report: Report) -> None:
     uri = json.loads(render_sarif(far))["runs"][0]["artifacts"][0]["location"]["uri"]
     assert uri.startswith("file:///")
     assert uri.endswith("a%20b.csv")
+    check.validate(json.loads(render_sarif([], unread={"a b.npz": "a b.npz: is no clip."})))
     twice = json.loads(render_sarif([report, far, report]))["runs"][0]
     assert len(twice["artifacts"]) == 2
     place = [r["locations"][0]["physicalLocation"]["artifactLocation"] for r in twice["results"]]

@@ -66,6 +66,29 @@ def test_one_broken_clip_does_not_stop_the_others(library: Path, jobs: str) -> N
     assert "b_floats" in said
 
 
+@pytest.mark.parametrize("jobs", ["1", "2"])
+def test_a_clip_that_nobody_could_read_is_an_error_to_ci(library: Path, jobs: str) -> None:
+    (library / "clips" / "c_broken.npz").write_bytes(b"nothing")
+    out = library / "all"
+    for suffix, format_ in ((".xml", "junit"), (".sarif", "sarif"), (".json", "json")):
+        told = ("--format", format_, "--out", str(out.with_suffix(suffix)), "--jobs", jobs)
+        assert run(library, *told)[0] == 2
+    suite = Xml.fromstring(out.with_suffix(".xml").read_bytes())[2]
+    assert suite.get("name", "").endswith("c_broken.npz")
+    assert (suite.get("tests"), suite.get("errors")) == ("1", "1")
+    assert "c_broken.npz" in suite[0][0].get("message", "")
+    (only,) = json.loads(out.with_suffix(".sarif").read_text())["runs"]
+    (invocation,) = only["invocations"]
+    assert not invocation["executionSuccessful"]
+    (notice,) = [n for n in invocation["toolExecutionNotifications"] if n["level"] == "error"]
+    place = notice["locations"][0]["physicalLocation"]["artifactLocation"]
+    assert place["uri"].endswith("c_broken.npz")
+    assert names_in(out.with_suffix(".json").read_text(), "json") == [
+        "a_stands.npz",
+        "b_floats.npz",
+    ]
+
+
 def test_parents_of_out_are_made_and_html_shows_forces(library: Path) -> None:
     out = library / "deep" / "er" / "page.html"
     clip = str(library / "clips" / "a_stands.npz")
