@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
@@ -15,7 +14,6 @@ from numpy.typing import NDArray
 
 from physretarget.clip import Clip
 from physretarget.mjcf import Character
-from physretarget.report.text import render_text
 from physretarget.validation import Report, Settings, validate
 
 Array = NDArray[np.float64]
@@ -259,28 +257,6 @@ def test_what_stands_on_furniture_is_not_judged_by_its_forces() -> None:
     assert any("'crate'" in note and "30 of 30" in note for note in report.clip.notes)
     assert report.passed
     assert errors(validate(moved(clip, 2, 0.03), character)) == {"CON003"}
-
-
-def test_the_coverage_names_what_moves_besides_the_character() -> None:
-    """Nothing but the coverage tells of a ball that hovers where nobody touches it."""
-    ball = '<body name="{}" pos="{} 0 2"><freejoint/><geom size=".05" mass=".1"/></body>'
-    still = '<body name="post" pos="9 9 0"><geom size=".05"/></body>'
-
-    def gap(*names: str) -> str | None:
-        balls = "".join(ball.format(name, 2 + i) for i, name in enumerate(names))
-        character = Character.from_xml(blocks(PLANE + still + balls), name="block")
-        clip = Clip(qpos=np.tile(character.reference_qpos, (30, 1)), time=np.arange(30) / 30)
-        report = validate(clip, character)
-        assert no_model(report) == set()
-        (entry,) = [c for c in report.coverage if c.code == "DAT008"]
-        assert "not covered: DAT008" in render_text(report) or entry.status == "checked"
-        return entry.reason if entry.status == "not-covered" else None
-
-    assert gap() is None
-    assert gap("ball") == "the motion of ball is not judged: not the character's"
-    named = gap("", *"abcd")
-    assert named is not None
-    assert re.match(r"the motion of body\d+, a, b, c and 1 more is not judged", named)
 
 
 def test_a_slope_is_no_floor() -> None:
