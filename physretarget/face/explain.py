@@ -74,7 +74,7 @@ def runners_up(
         for piece in chain:
             alike.setdefault((piece.phrase, piece.last - piece.first), []).append((channel, piece))
     capture = Windows.of(job.values, job.smooth, job.weight)
-    slack = slack_of(capture, screen)
+    slack = slack_of(capture, screen) if method == "hmm" else None
     frames = job.values.shape[1]
     found: dict[tuple[int, int], tuple[int, float]] = {}
     for (phrase, n), members in alike.items():
@@ -93,7 +93,7 @@ def runners_up(
         unit = float(unit_price(n, fps, settings))
         rows = np.arange(len(members))
         chosen = np.array([p.template for _, p in members])
-        if method == "hmm":
+        if slack is not None:
             limit = np.sort(cost - common / unit, axis=1)[:, 1:2] + common / unit
             limit[rows, chosen] = np.inf
             room = slack.windows(n)[:, [c for c, _ in members], [p.first for _, p in members]]

@@ -35,6 +35,56 @@ def lengths(frames: int, fps: float, longest: float) -> NDArray[np.intp]:
     return np.array(dense, dtype=np.intp)
 
 
+@dataclass(frozen=True, eq=False)
+class Reached:
+    """The cheapest chain to every frame, taken up where an earlier stretch of frames ended.
+
+    best (C, m): price of the cheapest chain from the take's first frame to each of the m frames of
+    a stretch. taken (C, m): number of the length of its last window.
+    """
+
+    best: Array
+    taken: NDArray[np.int16]
+
+    @classmethod
+    def through(
+        cls, cost: NDArray[np.float32], spans: NDArray[np.intp], before: Array | None = None
+    ) -> Reached:
+        """For prices as shortest_path's; before (C, k): best of the stretch's first k frames.
+
+        None: the stretch begins the take. Windows that begin ahead of the stretch are not known:
+        k must exceed the longest length.
+        """
+        channels, frames, _ = cost.shape
+        start = np.zeros((channels, 1)) if before is None else before
+        known = start.shape[1]
+        best = np.full((channels, frames), np.inf)
+        best[:, :known] = start
+        taken = np.zeros((channels, frames), dtype=np.int16)
+        for j in range(known, frames):
+            usable = int(np.searchsorted(spans, j, side="right"))
+            if not usable:
+                continue
+            total = best[:, j - spans[:usable]] + cost[:, j, :usable]
+            pick = np.argmin(total, axis=1)
+            taken[:, j] = pick
+            best[:, j] = np.take_along_axis(total, pick[:, None], axis=1)[:, 0]
+        return cls(best, taken)
+
+
+def trace(taken: NDArray[np.int16], spans: NDArray[np.intp]) -> list[list[tuple[int, int]]]:
+    """Per channel the edges (end frame, l) to the last frame, in order of time."""
+    paths = []
+    for row in taken:
+        edges = []
+        j = len(row) - 1
+        while j > 0:
+            edges.append((j, int(row[j])))
+            j -= int(spans[row[j]])
+        paths.append(edges[::-1])
+    return paths
+
+
 def shortest_path(
     cost: NDArray[np.float32], spans: NDArray[np.intp]
 ) -> list[list[tuple[int, int]]]:
@@ -47,26 +97,7 @@ def shortest_path(
     Returns:
         Per channel the edges (end frame, l) in order of time.
     """
-    channels, frames, _ = cost.shape
-    best = np.full((channels, frames), np.inf)
-    best[:, 0] = 0.0
-    taken = np.zeros((channels, frames), dtype=np.intp)
-    for j in range(1, frames):
-        usable = int(np.searchsorted(spans, j, side="right"))
-        if not usable:
-            continue
-        total = best[:, j - spans[:usable]] + cost[:, j, :usable]
-        taken[:, j] = np.argmin(total, axis=1)
-        best[:, j] = np.take_along_axis(total, taken[:, j : j + 1], axis=1)[:, 0]
-    paths = []
-    for c in range(channels):
-        edges = []
-        j = frames - 1
-        while j > 0:
-            edges.append((j, int(taken[c, j])))
-            j -= int(spans[taken[c, j]])
-        paths.append(edges[::-1])
-    return paths
+    return trace(Reached.through(cost, spans).taken, spans)
 
 
 def cheapest_through(cost: NDArray[np.float32], spans: NDArray[np.intp]) -> NDArray[np.float32]:
@@ -98,21 +129,46 @@ def cut_confidence(
     A cut is near if within ``reach`` frames: the sum over chains of what shortest_path takes the
     best of, by the forward and backward recursions of hidden Markov models.
     """
+    return near(cut_shares(cost, spans, temperature)[0], reach)
+
+
+def cut_shares(
+    cost: NDArray[np.float32],
+    spans: NDArray[np.intp],
+    temperature: float,
+    before: Array | None = None,
+) -> tuple[Array, Array]:
+    """Per frame the share of all chains with a cut there, and the logarithm of their sum up to it.
+
+    before (C, k): that logarithm for the first k frames, where a stretch of a take is asked for (as
+    in ``Reached.through``); shares are then of the chains with a cut at the stretch's last frame.
+    """
     channels, frames, _ = cost.shape
-    gain = -cost / np.float32(temperature)
+    scale = np.float32(temperature)
     ahead = np.full((channels, frames), -np.inf)
     behind = np.full((channels, frames), -np.inf)
-    ahead[:, 0] = behind[:, -1] = 0.0
+    start = np.zeros((channels, 1)) if before is None else before
+    known = start.shape[1]
+    ahead[:, :known] = start
+    behind[:, -1] = 0.0
     for j in range(1, frames):
         usable = int(np.searchsorted(spans, j, side="right"))
-        ahead[:, j] = _log_sum(ahead[:, j - spans[:usable]] + gain[:, j, :usable])
+        if j >= known:
+            gain = -cost[:, j, :usable] / scale
+            ahead[:, j] = _log_sum(ahead[:, j - spans[:usable]] + gain)
         i = frames - 1 - j
         ends = i + spans[:usable]
-        behind[:, i] = _log_sum(behind[:, ends] + gain[:, ends, np.arange(usable)])
-    cuts = np.exp(np.minimum(ahead + behind - ahead[:, -1:], 0.0))
+        gain = -cost[:, ends, np.arange(usable)] / scale
+        behind[:, i] = _log_sum(behind[:, ends] + gain)
+    return np.exp(np.minimum(ahead + behind - ahead[:, -1:], 0.0)), ahead
+
+
+def near(cuts: Array, reach: int) -> Array:
+    """(C, M) shares summed over ``reach`` frames to both sides."""
+    frames = cuts.shape[1]
     padded = np.pad(cuts, ((0, 0), (reach, reach)))
-    near = np.sum([padded[:, k : k + frames] for k in range(2 * reach + 1)], axis=0)
-    return np.asarray(np.minimum(near, 1.0), dtype=np.float64)
+    total = np.sum([padded[:, k : k + frames] for k in range(2 * reach + 1)], axis=0)
+    return np.asarray(np.minimum(total, 1.0), dtype=np.float64)
 
 
 def _log_sum(rows: Array) -> Array:

@@ -66,16 +66,31 @@ class Windows:
     def of(cls, values: Array, smooth: Array, weight: Array) -> Windows:
         """Channels (C, M) end to end, in single precision."""
         spread = smooth.std(axis=1)
-        slopes, pace = np.zeros((2, 2, *smooth.shape))
-        steep = smooth
-        for order in range(2 if smooth.shape[1] > 3 else 0):
-            steep = np.gradient(steep, axis=1)
-            factor = spread / np.maximum(steep.std(axis=1), 1e-3 * spread + 1e-9)
-            pace[order] = factor[:, None]
-            slopes[order] = steep * factor[:, None]
+        slopes, pace = np.zeros((2, 2, *smooth.shape), dtype=np.float32)
+        for channel, steep in enumerate(smooth if smooth.shape[1] > 3 else ()):
+            for order in range(2):  # one channel at a time: long takes would hold much at once
+                steep = np.gradient(steep)
+                least = 1e-3 * spread[channel] + 1e-9
+                factor = spread[channel] / np.maximum(steep.std(), least)
+                pace[order, channel] = factor
+                slopes[order, channel] = steep * factor
         flat = [a.astype(np.float32).ravel() for a in (values, smooth, weight)]
-        two = [a.astype(np.float32).reshape(2, -1) for a in (slopes, pace)]
+        two = [a.reshape(2, -1) for a in (slopes, pace)]
         return cls(flat[0], flat[1], flat[2], two[0], two[1], smooth.shape[1])
+
+    def part(self, low: int, high: int) -> Windows:
+        """Frames low to high (open) of every channel, scaled as in the whole."""
+        if (low, high) == (0, self.frames):
+            return self
+        flat = [
+            a.reshape(-1, self.frames)[:, low:high].ravel()
+            for a in (self.values, self.smooth, self.weight)
+        ]
+        two = [
+            a.reshape(2, -1, self.frames)[:, :, low:high].reshape(2, -1)
+            for a in (self.slopes, self.pace)
+        ]
+        return Windows(flat[0], flat[1], flat[2], two[0], two[1], high - low)
 
 
 @dataclass(frozen=True, eq=False)
