@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from physretarget.errors import InputError, PhysretargetError, UnsafeInputError
@@ -111,6 +111,46 @@ def test_gltf_states_lost_handles_and_added_keys(tmp_path):
     assert back.evaluate([1.5, 1.9998, 2.0]) == pytest.approx([1.0, 1.0, 3.0], abs=1e-5)
     told = float(re.search(r"at most ([\d.e-]+)\.", " ".join(losses))[1])
     assert worst_difference(curve, back) <= told * 1.05
+
+
+@pytest.mark.parametrize("start", [0.0, 3600.0])
+@pytest.mark.parametrize("reach", [0.05, 0.5, 0.8])
+def test_gltf_adds_keys_until_the_shape_is_kept(tmp_path, reach, start):
+    needs(".glb")
+    curve = Curve(
+        (
+            Key(start, 0.0, out_tangent=(reach, 0.0)),
+            Key(start + 1.0, 2.0, (-reach, 0.0), (0.1, 0.0)),
+            Key(start + 1.5, 1.0, (-0.02, 0.3)),
+        )
+    )
+    _, back, losses = carried(tmp_path, ".glb", curve)
+    times = np.linspace(curve.start, curve.end, 4001)
+    moved = np.abs(curve.evaluate(times) - back.evaluate(times)).max()
+    # 0.1 % of the range; without keys added up to a third of it. After an hour times are off.
+    assert moved < (0.02 if start else 2e-3 * 1.2)
+    assert {np.float32(t) for t in curve.time} <= {np.float32(t) for t in back.time}
+    assert len(back.keys) < 30
+    told = re.search(r"; (\d+) keys added for them, .* at most ([\d.e-]+)\.", " ".join(losses))
+    assert int(told[1]) == len(back.keys) - 3
+    assert moved <= float(told[2]) * 1.1
+
+
+def test_gltf_says_how_far_any_curve_moves(tmp_path):
+    needs(".glb")
+    upright = Curve((Key(29.4, 0.0, out_tangent=(0.0, 0.3)), Key(29.5667, 1.0, (0.0, -0.3))))
+
+    @QUIET
+    @example(upright)
+    @given(curves(steps=False))
+    def check(curve):
+        _, back, losses = carried(tmp_path, ".glb", curve)
+        told = re.search(r"at most ([\d.e+-]+)\.$", " ".join(losses))
+        size = max(1.0, float(np.abs(curve.table).max()))
+        allowed = 1.3 * float(told[1]) if told else 0.0
+        assert worst_difference(curve, back) <= allowed + 1e-4 * size
+
+    check()
 
 
 @pytest.mark.parametrize("suffix", [".glb", ".usda", ".motion3.json", ".anim"])

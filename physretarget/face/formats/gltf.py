@@ -8,9 +8,10 @@ Written: a face rig's mesh is not known here, and morph weights share one list o
 each channel becomes an empty node of its own, named after it, whose translation x is the value
 (an entry in the node's extras says so, and makes it come back under its own name).
 
-Lost in writing: glTF's cubic has no handle lengths, so spans whose handles are not at thirds keep
-the slopes at their keys and change shape in between (the largest deviation is stated); numbers
-are 32 bits; tangent kinds. A hold inside a smooth curve gets a key 0.1 ms before its jump.
+Lost in writing: glTF's cubic has no handle lengths. Spans whose handles are not at thirds are
+halved until the curve is within 0.1 % of its range (the keys added and the largest deviation are
+stated); numbers are 32 bits; tangent kinds. A hold inside a smooth curve gets a key 0.1 ms before
+its jump.
 """
 
 from __future__ import annotations
@@ -31,7 +32,13 @@ from numpy.typing import NDArray
 from physretarget.errors import InputError, MissingExtraError, UnsafeInputError
 from physretarget.face.curve import Curve, Key, TangentType
 from physretarget.face.formats.source import Source
-from physretarget.face.formats.tangents import evaluated, is_straight, worst_difference
+from physretarget.face.formats.tangents import (
+    evaluated,
+    halved,
+    is_straight,
+    span_differences,
+    worst_difference,
+)
 from physretarget.face.shot import Shot
 from physretarget.files import write_file
 
@@ -40,6 +47,8 @@ _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5126: "<f4"}
 _WIDTH = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 _AXES = {"translation": "xyz", "scale": "xyz", "rotation": "xyzw"}
 _CHANNEL = "physretarget_channel"
+_TOLERANCE = 1e-3  # of a curve's range
+_ROUNDS = 12
 _HOLD = 1e-4  # s between a hold's last key and its jump
 
 
@@ -280,14 +289,39 @@ def _sampled(name: str, curve: Curve, losses: list[str]) -> tuple[str, Array, Ar
     smooth, added = _without_steps(curve)
     if added:
         losses.append(f"{name}: {added} keys added at holds, 0.1 ms from their jumps.")
-    slopes = _slopes(smooth)
-    written = _hermite(smooth.time, smooth.value, slopes)
-    worst = worst_difference(smooth, written)
+    dense = _dense(smooth)
+    slopes = _slopes(dense)
+    worst = worst_difference(dense, _hermite(dense.time, dense.value, slopes))
     size = float(np.abs(smooth.controls[:, :, 1]).max()) if len(smooth.keys) > 1 else 0.0
     if worst > 1e-6 * size:
-        losses.append(f"{name}: handle lengths are lost; the curve moves by at most {worst:.3g}.")
+        more = len(dense.keys) - len(smooth.keys)
+        stored = dense.time.astype("<f4").astype(np.float64)
+        if (np.diff(stored) > 0).all():
+            worst = max(worst, worst_difference(dense, _hermite(stored, dense.value, slopes)))
+        but = f"{more} keys added for them, " if more else ""
+        losses.append(
+            f"{name}: handle lengths are lost; {but}the curve moves by at most {worst:.3g}."
+        )
+    smooth = dense
     rows = np.stack([slopes[:, 0], smooth.value, slopes[:, 1]], axis=1).reshape(-1)
     return "CUBICSPLINE", _distinct(name, smooth.time), _vectors(rows)
+
+
+def _dense(smooth: Curve) -> Curve:
+    """The same curve, halved where a cubic in time would stray from it."""
+    if len(smooth.keys) < 2:
+        return smooth
+    allowed = _TOLERANCE * float(np.ptp(smooth.controls[:, :, 1]))
+    # Halves can be an eighth as long; shorter ones could meet in 32 bits.
+    least = max(_HOLD, 16 * float(np.finfo(np.float32).eps) * abs(smooth.end))
+    dense = smooth
+    for _ in range(_ROUNDS):
+        written = _hermite(dense.time, dense.value, _slopes(dense))
+        far = (span_differences(dense, written) > allowed) & (np.diff(dense.time) > least)
+        if not far.any():
+            break
+        dense = halved(dense, far)
+    return dense
 
 
 def _distinct(name: str, times: Array) -> Array:

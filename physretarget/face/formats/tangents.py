@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from physretarget.face.curve import Curve
+from physretarget.face.curve import Curve, Key
 
 Array = NDArray[np.float64]
 
@@ -67,10 +67,43 @@ def is_straight(curve: Curve, tolerance: float = 1e-12) -> NDArray[np.bool_]:
     return np.asarray(near.all(axis=1), dtype=bool)
 
 
-def worst_difference(a: Curve, b: Curve, per_span: int = 32) -> float:
+def worst_difference(a: Curve, b: Curve) -> float:
     """Largest distance between two curves within the extent of the first."""
     if len(a.keys) < 2:
         return abs(a.keys[0].value - float(b.evaluate(a.start)))
+    return float(span_differences(a, b).max())
+
+
+def span_differences(a: Curve, b: Curve, per_span: int = 32) -> Array:
+    """(K-1,) largest distance between two curves within each span of the first."""
     part = (np.arange(per_span) + 0.5) / per_span
-    times = (a.time[:-1, None] + np.diff(a.time)[:, None] * part).ravel()
-    return float(np.abs(a.evaluate(times) - b.evaluate(times)).max())
+    times = a.time[:-1, None] + np.diff(a.time)[:, None] * part
+    return np.asarray(np.abs(a.evaluate(times) - b.evaluate(times)).max(axis=1), dtype=np.float64)
+
+
+def halved(curve: Curve, which: NDArray[np.bool_]) -> Curve:
+    """The same curve with a key in the middle of these spans (K-1,), by de Casteljau's scheme.
+
+    For curves without steps; the middle is that of the spans' own parameter.
+    """
+    keys = [curve.keys[0]]
+    for span, points in enumerate(curve.controls):
+        right = curve.keys[span + 1]
+        if which[span]:
+            one = 0.5 * (points[:-1] + points[1:])
+            two = 0.5 * (one[:-1] + one[1:])
+            middle = 0.5 * (two[0] + two[1])
+            keys[-1] = replace(keys[-1], out_tangent=_later(one[0] - points[0]))
+            into, out = _earlier(two[0] - middle), _later(two[1] - middle)
+            keys.append(Key(float(middle[0]), float(middle[1]), into, out))
+            right = replace(right, in_tangent=_earlier(one[2] - points[3]))
+        keys.append(right)
+    return Curve(tuple(keys))
+
+
+def _later(offset: Array) -> tuple[float, float]:
+    return max(0.0, float(offset[0])), float(offset[1])  # rounding must not turn it around
+
+
+def _earlier(offset: Array) -> tuple[float, float]:
+    return min(0.0, float(offset[0])), float(offset[1])
