@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import io
 import os
+import shutil
 import tempfile
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -33,22 +35,47 @@ def npz_bytes(arrays: Mapping[str, NDArray[Any]]) -> bytes:
 
 
 def write_file(path: str | os.PathLike[str], content: bytes) -> None:
-    """Write beside the place, then rename; missing parent folders are made.
+    """Write a file, whole or not at all; missing parent folders are made.
 
     Raises:
-        InputError: the folder cannot be made or written to.
+        InputError: it cannot be written.
     """
-    target = Path(path)
+    with beside(path) as file:
+        file.write_bytes(content)
+
+
+@contextmanager
+def beside(path: str | os.PathLike[str], *, suffix: str = "") -> Iterator[Path]:
+    """A file to write beside ``path`` that takes its place in the end; its name ends in ``suffix``.
+
+    If something is raised meanwhile, ``path`` stays as it was. A link stays one: what it leads to
+    is written. What is no file (``/dev/stdout``, a pipe) is written to: renaming would put a file
+    in its place, of a device for the whole machine.
+
+    Raises:
+        InputError: it cannot be written, or its folder cannot be made.
+    """
+    target, made = Path(path), None
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        handle, beside = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+        device = target.exists() and not (target.is_file() or target.is_dir())
+        if not device:
+            target = target.resolve() if target.is_symlink() else target
+            target.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(
+            dir=None if device else target.parent, prefix=f".{target.name}.", suffix=suffix
+        )
+        os.close(handle)
+        made = Path(name)
+        yield made
+        if device:
+            with made.open("rb") as source, target.open("wb") as sink:
+                shutil.copyfileobj(source, sink)
+        else:
+            made.chmod(0o644)
+            made.replace(target)
     except OSError as error:
-        raise InputError(f"cannot be written: {error.strerror}.", path=target) from error
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-        os.chmod(beside, 0o644)
-        os.replace(beside, target)
-    except BaseException:
-        Path(beside).unlink(missing_ok=True)
-        raise
+        reason = error.strerror or str(error)
+        raise InputError(f"cannot be written: {reason}.", path=Path(path)) from error
+    finally:
+        if made is not None:
+            made.unlink(missing_ok=True)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from physretarget.capture.actor import CONTACT_POINTS
 from physretarget.errors import InputError
+from physretarget.files import write_file
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -95,10 +96,7 @@ def write_phases(phases: Phases, path: str | PathLike[str]) -> None:
             for name, start, end in phases.intervals()
         ],
     }
-    target = Path(path)
-    beside = target.with_name(target.name + ".part")
-    beside.write_text(header + tomli_w.dumps(table), encoding="utf-8")
-    beside.replace(target)
+    write_file(path, (header + tomli_w.dumps(table)).encode())
 
 
 def read_phases(path: str | PathLike[str], *, time: Floats | None = None) -> Phases:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from physretarget.capture.actor import CONTACT_POINTS, REFERENCE_ACTOR
 from physretarget.errors import InputError
+from physretarget.files import write_file
 from physretarget.keyposes.layout import ACTOR_LAYOUT, JointError, Layout, layout_of
 from physretarget.keyposes.pose import KeyPose, KeyPoseSet, merged
 from physretarget.mjcf import Character
@@ -94,10 +94,7 @@ def save(keyposes: KeyPoseSet, path: str | PathLike[str], character: Character) 
         "character": {"name": keyposes.character_name, "sha256": keyposes.character_sha256},
         "pose": [_pose_table(pose, layout) for pose in keyposes.poses],
     }
-    file = Path(path)
-    beside = file.with_name(file.name + ".part")
-    beside.write_text(_compact(tomli_w.dumps(content)), encoding="utf-8")
-    os.replace(beside, file)
+    write_file(path, _compact(tomli_w.dumps(content)).encode())
 
 
 def _pose_table(pose: KeyPose, layout: Layout) -> dict[str, object]:

@@ -11,7 +11,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from physretarget.errors import InputError, MissingExtraError, UsageError
+from physretarget.errors import MissingExtraError, UsageError
+from physretarget.files import beside
 from physretarget.gl import Canvas, choose_backend
 from physretarget.replay.scene import Mark, Scene
 from physretarget.replay.stage import Stage
@@ -56,22 +57,17 @@ def write_video(
     imageio = _imageio()
     width, height = max(width // 16, 4) * 16, max(height // 16, 4) * 16
     choose_backend()
-    target = Path(path)
-    beside = target.with_name(f".{target.stem}.part.mp4")
-    try:
-        with imageio.get_writer(
-            beside, format="FFMPEG", fps=fps, codec="libx264", quality=8, macro_block_size=16
-        ) as film:
-            for picture in pictures(
-                scene, width=width, height=height, fps=fps, speed=speed, progress=progress
-            ):
-                film.append_data(picture)
-        beside.replace(target)
-    except OSError as error:
-        raise InputError(f"the film cannot be written: {error}.", path=target) from error
-    finally:
-        beside.unlink(missing_ok=True)
-    return target
+    with (
+        beside(path, suffix=".mp4") as file,
+        imageio.get_writer(
+            file, format="FFMPEG", fps=fps, codec="libx264", quality=8, macro_block_size=16
+        ) as film,
+    ):
+        for picture in pictures(
+            scene, width=width, height=height, fps=fps, speed=speed, progress=progress
+        ):
+            film.append_data(picture)
+    return Path(path)
 
 
 def pictures(

@@ -14,7 +14,8 @@ from jinja2 import Environment
 from markupsafe import Markup
 
 from physretarget._version import __version__
-from physretarget.errors import InputError, UsageError
+from physretarget.errors import UsageError
+from physretarget.files import write_file
 from physretarget.replay.payload import payload, script_json
 from physretarget.replay.scene import Scene
 
@@ -68,16 +69,8 @@ def write_html(
     Raises:
         InputError: the file cannot be written.
     """
-    target = Path(path)
-    text = render(scene, title=title, autoplay=autoplay)
-    beside = target.with_name(f".{target.name}.part")
-    try:
-        beside.write_text(text, encoding="utf-8")
-        beside.replace(target)
-    except OSError as error:
-        beside.unlink(missing_ok=True)
-        raise InputError(f"cannot be written: {error.strerror}.", path=target) from error
-    return target
+    write_file(path, render(scene, title=title, autoplay=autoplay).encode())
+    return Path(path)
 
 
 def server(text: str, *, port: int = 0) -> ThreadingHTTPServer:

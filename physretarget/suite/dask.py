@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from physretarget.errors import InputError, MissingExtraError
+from physretarget.files import write_file
 from physretarget.suite.job import Job, Outcome
 from physretarget.suite.run import Execute, one_thread
 
@@ -151,9 +152,7 @@ def _place(target: Path, content: bytes) -> None:
     if target.is_file() and target.stat().st_size == len(content):
         return
     target.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-    beside = target.with_name(f".{target.name}.part")
-    beside.write_bytes(content)
-    beside.replace(target)
+    write_file(target, content)
 
 
 def _outcome(future: Any, job: Job) -> Outcome:

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from physretarget.errors import InputError
+from physretarget.files import write_file
 from physretarget.validation.report import Finding, Report
 
 SCHEMA = "physretarget/baseline/1"
@@ -36,14 +37,7 @@ def save_baseline(reports: Iterable[Report], path: str | os.PathLike[str]) -> No
         for f in report.findings
     ]  # fmt: skip
     text = json.dumps({"schema": SCHEMA, "accepted": entries}, indent=1, sort_keys=True)
-    target = Path(path)
-    beside = target.with_name(f".{target.name}.part")
-    try:
-        beside.write_text(text + "\n", encoding="utf-8")
-        os.replace(beside, target)
-    except OSError as error:
-        beside.unlink(missing_ok=True)
-        raise InputError(f"cannot be written: {error.strerror}.", path=target) from error
+    write_file(path, (text + "\n").encode())
 
 
 def load_baseline(path: str | os.PathLike[str]) -> Accepted:

@@ -41,8 +41,9 @@ def test_same_scene_same_bytes(scene, tmp_path) -> None:
 
 
 def test_an_unwritable_place_is_one_sentence(scene, tmp_path) -> None:
+    (tmp_path / "file").touch()
     with pytest.raises(InputError, match="cannot be written"):
-        write_html(scene, tmp_path / "nowhere" / "a.html")
+        write_html(scene, tmp_path / "file" / "a.html")
 
 
 def test_the_server_gives_the_page_on_loopback_alone() -> None:
