@@ -6,7 +6,11 @@ stumpy's row appears where it is installed.
 
 from __future__ import annotations
 
+import json
 import os
+import resource
+import subprocess
+import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -133,6 +137,34 @@ def _real() -> list[Row]:
     return [_timed(f"{what}, varied", m, take, library, Rig.of(take)) for m in METHODS]
 
 
+def _hour() -> list[Row]:
+    """Gigabytes that matching an hour takes, in a process of its own so that its peak is known."""
+    data = Path(os.environ.get("PHYSRETARGET_DATA", "../shared/data"))
+    if not sorted((data / "face").glob("*.csv")) or not (data / "keys" / "noto").is_dir():
+        return []
+    code = f"from benchmarks.face import hour; hour({str(data)!r})"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    peak, spent, channels = json.loads(done.stdout)
+    note = f"54 captured channels, {channels} without lips; {spent:.0f} s"
+    return [Row(name="an hour at 60 Hz, peak memory", value=peak, unit="GB", aim=1.5, note=note)]
+
+
+def hour(data: str, minutes: int = 60) -> None:
+    """Match all real takes, there and back again until the time is full; print what it took."""
+    takes = [read_take(path, fps=60.0) for path in sorted(Path(data, "face").glob("*.csv"))]
+    names = tuple(c for c in takes[0].channels if all(c in t.channels for t in takes))[:54]
+    ways = [np.stack([t.channel(c) for c in names], axis=1) for t in takes]
+    ways += [way[::-1] for way in ways]
+    frames, once = 60 * 60 * minutes, np.concatenate(ways)
+    values = np.tile(once, (-(-frames // len(once)), 1))[:frames]
+    take = Take("hour", np.arange(frames) / 60.0, names, values)
+    library = Library.build([Path(data, "keys", "noto")])
+    began = time.process_time()
+    result = match(take, library, Rig.of(take))
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20  # KiB on Linux
+    print(json.dumps([peak, time.process_time() - began, len(result.channels)]))
+
+
 def varied(curve: Curve, rng: np.random.Generator) -> Curve:
     """The same keys at slightly other spans, values and handle lengths."""
     table = curve.table.copy()
@@ -190,7 +222,7 @@ def _kernels() -> list[Row]:
 
 def run() -> list[Row]:
     """Every row."""
-    return [*_matchers(), *_long(), *_real(), *_kernels()]
+    return [*_matchers(), *_long(), *_real(), *_hour(), *_kernels()]
 
 
 if __name__ == "__main__":

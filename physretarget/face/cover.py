@@ -18,7 +18,8 @@ from physretarget.face.templates import Bank, Offer
 
 Array = NDArray[np.float64]
 _BLOCK = 3_000_000  # residuals held at once
-_WIDE = 40_000_000  # frames of windows held at once
+_WIDE = 40_000_000  # frames of windows held at once: of a take in one stretch, and of one in many
+_NARROW = 8_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -242,10 +243,11 @@ class Pricing:
         cost = np.full((len(self.less), high - low, len(spans)), np.inf, dtype=np.float32)
         best = np.zeros(cost.shape, dtype=np.int32)
         coarse = set(_coarse(spans, fps)) if settings.phrases else set()
+        most = _WIDE if high - low == self.capture.frames else _NARROW
         for index, n in enumerate(spans.tolist()):
             for offer in offers(self.bank, n, fps, settings, n in coarse):
                 _bid(cost, best, index, offer, capture, unit_price(n, fps, settings), n,
-                     self.method, self.screen)  # fmt: skip
+                     self.method, self.screen, most)  # fmt: skip
         barred = self.job.barred[:, low:high]
         if barred.any():
             _bar(cost, spans, barred)
@@ -338,12 +340,13 @@ def _bid(
     n: int,
     method: Method,
     screen: ScreenSettings,
+    most: int,
 ) -> None:
     """Keep, per channel and end frame, the cheaper of what is known and the best of the offer."""
     channels, frames = cost.shape[:2]
     starts = np.arange(frames - n)
     step = max(1, _BLOCK // (max(1, len(offer.numbers)) * frames))
-    few = max(1, _WIDE // (n + 1))  # where few templates serve, windows are what takes room
+    few = max(1, most // (n + 1))  # where few templates serve, windows are what takes room
     for first in range(0, channels, step):
         block = slice(first, first + step)
         rows = np.arange(channels)[block]

@@ -24,6 +24,8 @@ from physretarget.face.templates import Bank, Template
 
 Array = NDArray[np.float64]
 
+_LONGEST = 20_000  # frames of a piece that runners-up are looked for
+
 
 @dataclass(frozen=True)
 class Piece:
@@ -79,8 +81,8 @@ def runners_up(
     found: dict[tuple[int, int], tuple[int, float]] = {}
     for (phrase, n), members in alike.items():
         templates = bank.phrases if phrase else bank.spans
-        if len(templates) < 2:
-            continue
+        if len(templates) < 2 or n > _LONGEST:
+            continue  # a channel that rests for a long take: sampling all templates takes gigabytes
         amplitudes = None
         if phrase:
             most = np.array([t.amplitudes.max() for t in templates], dtype=np.float32)
