@@ -202,6 +202,18 @@ def _box() -> str:
     </worldbody></mujoco>"""
 
 
+def test_who_leaves_before_the_report_came_is_told_nothing(browser: Browser, web: Any) -> None:
+    """What is under way is given up, and that is no error of the page's."""
+    with _opened(browser, web.url, "#/new") as page:
+        page.route("**/report?format=json", lambda route: None)  # never answered
+        page.get_by_role("button", name="a look around", exact=True).click()
+        expect(page.locator(".go dd", has_text="lamp-look.npz")).to_be_visible()
+        page.get_by_role("button", name="Judge it").click()
+        expect(page.locator("a[href$='view=report']")).to_be_visible(timeout=_SLOW)
+        page.goto(f"{web.url}/#/library")
+        expect(page.get_by_role("heading", level=1)).to_have_text("Library")
+
+
 def test_the_skip_link_and_focus_order(browser: Browser, web: Any, judged: list[str]) -> None:
     with _opened(browser, web.url, "#/jobs") as page:
         expect(page.locator(".job").first).to_be_visible()

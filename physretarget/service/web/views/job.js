@@ -27,7 +27,7 @@ export async function jobView({ main, id, params, signal, name }) {
   head.append(header(job));
   body.append(going.node);
   await follow(id, (seen) => going.update(seen), signal);
-  if (!signal.aborted) draw(await get(path, { signal }), true);
+  if (!signal.aborted) await draw(await get(path, { signal }), true);
 
   async function draw(done, news = false) {
     head.replaceChildren(header(done, actions(done, head)));

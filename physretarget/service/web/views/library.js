@@ -25,7 +25,7 @@ export async function libraryView({ main, signal }) {
     } catch (error) {
       trouble.replaceChildren(alarm("It was not deleted.", error.message));
     }
-    await load();
+    await load().catch((error) => { if (!signal.aborted) throw error; });
   }
   async function load() {
     const [allModels, allClips] = await Promise.all([
