@@ -46,10 +46,16 @@ def kept_pace(
 
 
 def bounded(lead: Floats, most: float) -> Floats:
-    """Leads (T, 2), m, the long ones shortened smoothly to less than ``most``."""
-    size = np.linalg.norm(lead, axis=1, keepdims=True)
+    """Leads (..., 2), m, the long ones shortened smoothly to less than ``most``."""
+    size = np.linalg.norm(lead, axis=-1, keepdims=True)
     result: Floats = lead * (most * np.tanh(size / most) / np.maximum(size, 1e-12))
     return result
+
+
+def share_of_lead(above: Floats, height: float) -> Floats:
+    """How much of the lead points take that are ``above`` the base, m."""
+    share: Floats = np.clip(above / (TOP * height), 0.0, 1.0)
+    return share
 
 
 def leaned(
@@ -66,8 +72,8 @@ def leaned(
         return qpos
     body, local = character.markers.body[index], character.markers.local[index]
     target = kinematics.points(kinematics.forward(character.tree, qpos[frames]), body, local)
-    above = (target[..., 2] - level[frames, None]) / (TOP * character.height)
-    target[..., :2] += np.clip(above, 0.0, 1.0)[..., None] * lead[frames, None]
+    above = target[..., 2] - level[frames, None]
+    target[..., :2] += share_of_lead(above, character.height)[..., None] * lead[frames, None]
     locked = np.zeros(character.tree.nv, dtype=bool)
     locked[character.root_dof : character.root_dof + 6] = True
     moved = qpos.copy()

@@ -12,6 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from physretarget.contact.pace import bounded
 from physretarget.contact.settings import ContactSettings
 
 __all__ = ["Pace"]
@@ -39,6 +40,4 @@ class Pace:
         for mean in self._means:
             mean += share * (entering - mean)
             entering = mean
-        lead: Array = entering - shift
-        size = math.hypot(lead[0], lead[1])
-        return lead * (self.most * math.tanh(size / self.most) / max(size, 1e-12))
+        return bounded(entering - shift, self.most)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from physretarget.capture.actor import CONTACT_POINTS
 from physretarget.contact import ContactSettings
 from physretarget.contact.carry import joint_weights, swivels
-from physretarget.contact.pace import STILL, TOP
+from physretarget.contact.pace import STILL, share_of_lead
 from physretarget.contact.soles import sole_of, standing_bodies, turning_limit
 from physretarget.mjcf import Character, Points
 from physretarget.stream.body import Body, Solver
@@ -297,8 +297,7 @@ class Planter:
             c, s = math.cos(back), math.sin(back)
             x, y = target[:, 0].copy(), target[:, 1].copy()
             target[:, 0], target[:, 1] = c * x - s * y, s * x + c * y
-        above = target[:, 2] / (TOP * self.character.height)
-        target[:, :2] += np.clip(above, 0.0, 1.0)[:, None] * lead
+        target[:, :2] += share_of_lead(target[:, 2], self.character.height)[:, None] * lead
         return self.solver.solve(turned, path.centre + target, near=turned)
 
     def _swivelled(self, moved: Array, back: float) -> tuple[Array, float]:
