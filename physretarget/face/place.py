@@ -121,17 +121,6 @@ def cheapest_through(cost: NDArray[np.float32], spans: NDArray[np.intp]) -> NDAr
     return through
 
 
-def cut_confidence(
-    cost: NDArray[np.float32], spans: NDArray[np.intp], temperature: float, reach: int = 1
-) -> Array:
-    """(C, M) share of all chains, each weighed by exp(-price / temperature), with a cut near.
-
-    A cut is near if within ``reach`` frames: the sum over chains of what shortest_path takes the
-    best of, by the forward and backward recursions of hidden Markov models.
-    """
-    return near(cut_shares(cost, spans, temperature)[0], reach)
-
-
 def cut_shares(
     cost: NDArray[np.float32],
     spans: NDArray[np.intp],
@@ -139,6 +128,9 @@ def cut_shares(
     before: Array | None = None,
 ) -> tuple[Array, Array]:
     """Per frame the share of all chains with a cut there, and the logarithm of their sum up to it.
+
+    Of chains weighted by their price over ``temperature``: the sum over what shortest_path takes
+    the best of, by the forward and backward recursions of hidden Markov models.
 
     before (C, k): that logarithm for the first k frames, where a stretch of a take is asked for (as
     in ``Reached.through``); shares are then of the chains with a cut at the stretch's last frame.

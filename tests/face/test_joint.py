@@ -15,7 +15,7 @@ from physretarget.face.cuts import cut_discounts, rest_frames, turning_frames
 from physretarget.face.joint import joint_paths, lagging
 from physretarget.face.library import Library
 from physretarget.face.match import MatchSettings, match
-from physretarget.face.place import cut_confidence, shortest_path
+from physretarget.face.place import cut_shares, near, shortest_path
 from physretarget.face.rig import Rig
 from physretarget.face.shot import Shot, Take
 from physretarget.face.templates import middle_stretched
@@ -41,11 +41,12 @@ def test_confidence_equals_enumeration(seed, frames, temperature):
         mass = np.exp(-sum(cost[0, j, x] for j, x in chain) / temperature)
         total += mass
         weight[[0, *(j for j, _ in chain)]] += mass
-    found = cut_confidence(cost, spans, temperature, reach=0)[0]
+    shares = cut_shares(cost, spans, temperature)[0]
+    found = shares[0]
     assert found == pytest.approx(weight / total, rel=1e-4)
-    near = cut_confidence(cost, spans, temperature, reach=1)[0]
-    assert (near >= found - 1e-9).all()
-    assert (near <= 1).all()
+    about = near(shares, 1)[0]
+    assert (about >= found - 1e-9).all()
+    assert (about <= 1).all()
 
 
 @settings(max_examples=30, deadline=None)
