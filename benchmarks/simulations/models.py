@@ -1,0 +1,276 @@
+"""The bodies that are simulated: the shipped characters, the G1, and small ones of other kinds.
+
+Every subject is built from one random generator: sizes, masses, friction and the softness of the
+floor differ from build to build. The model that is simulated is the model that clips are judged
+with, but for the floor, which the G1's file does not have.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.random import Generator
+
+from physretarget.demo import models_folder
+from physretarget.mjcf import Character
+
+SOFTNESS = ("0.02 1", "0.02 1", "0.01 1", "0.005 1", "0.04 1", "0.02 0.5")
+"""MuJoCo's solref (time constant s, damping ratio); the first two are its default."""
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """A character ready to be simulated.
+
+    Attributes:
+        name: of its kind.
+        character: what clips are judged with.
+        model: what MuJoCo simulates: the same model, with a floor.
+        text: the character's MJCF.
+        crouch: joint name → angle (rad) or length (m) of a deep crouch; empty where it has none.
+        spin: names of joints that turn without end (wheels).
+    """
+
+    name: str
+    character: Character
+    model: mujoco.MjModel
+    text: str
+    crouch: Mapping[str, float] = field(default_factory=dict)
+    spin: tuple[str, ...] = ()
+
+
+Made = tuple[str, dict[str, float]]
+"""MJCF and the crouch of a small body."""
+FLOOR = '<geom name="floor" type="plane" size="20 20 .1"/>'
+
+
+def _text(name: str, rng: Generator, body: str, joint: str = "") -> str:
+    """An MJCF file around a body that stands on z = 0."""
+    friction, soft = rng.uniform(0.3, 1.2), rng.choice(SOFTNESS)
+    return f"""<mujoco model="{name}">
+  <compiler angle="radian" autolimits="true"/>
+  <option timestep="0.002" integrator="implicitfast"/>
+  <default>
+    <geom friction="{friction:.3f} 0.005 0.0001" solref="{soft}"/>
+    <joint damping="0.05" armature="0.002" {joint}/>
+  </default>
+  <worldbody>{FLOOR}{body}</worldbody>
+</mujoco>"""
+
+
+def _legs(rng: Generator, rows: tuple[float, ...], length: float, width: float) -> str:
+    """Pairs of legs of hip, knee and a round foot, at these x; ``length`` m of either link."""
+    radius, density = 0.12 * length, rng.uniform(500, 1500)
+    legs = []
+    for row, x in enumerate(rows):
+        for side, y in (("left", width), ("right", -width)):
+            name = f"{side}_{row}"
+            legs.append(f"""
+    <body pos="{x} {y} 0"><joint name="{name}_splay" axis="1 0 0" range="-.6 .6"/>
+      <joint name="{name}_hip" axis="0 1 0" range="-1.6 1.6"/>
+      <geom type="capsule" fromto="0 0 {-radius} 0 0 {-length}" size="{radius}"
+            density="{density}"/>
+      <body pos="0 0 {-length}"><joint name="{name}_knee" axis="0 1 0" range="-2.5 0.05"/>
+        <geom type="capsule" fromto="0 0 0 0 0 {-length}" size="{0.7 * radius}"
+              density="{density}"/></body></body>""")
+    return "".join(legs)
+
+
+def _walker(name: str, rows: tuple[float, ...]) -> Callable[[Generator], Made]:
+    def build(rng: Generator) -> Made:
+        size = rng.uniform(0.5, 1.6)
+        length, width = 0.2 * size, rng.uniform(0.09, 0.16) * size
+        half = max(map(abs, rows)) * size + 0.05 * size
+        places = tuple(x * size for x in rows)
+        body = f"""<body name="trunk" pos="0 0 {2 * length}"><freejoint name="root"/>
+    <geom type="box" size="{half} {0.7 * width} {0.05 * size}" density="{rng.uniform(400, 1200)}"/>
+    {_legs(rng, places, length, width)}</body>"""
+        joints = [f"{side}_{row}" for row in range(len(rows)) for side in ("left", "right")]
+        bend = {f"{j}_hip": 0.9 for j in joints} | {f"{j}_knee": -1.8 for j in joints}
+        strength = 40 * size**4 * rng.uniform(0.7, 1.5)
+        return _text(name, rng, body, f'actuatorfrcrange="-{strength} {strength}"'), bend
+
+    return build
+
+
+def _wheels(rng: Generator) -> Made:
+    size = rng.uniform(0.4, 1.5)
+    radius, x, y = 0.08 * size, 0.2 * size, 0.17 * size
+    shape = rng.choice(("cylinder", "capsule"))
+    wheels = "".join(
+        f"""<body pos="{i * x} {j * y} 0"><joint name="wheel_{i}_{j}" axis="0 1 0"/>
+    <geom type="{shape}" fromto="0 {-0.02 * size} 0 0 {0.02 * size} 0" size="{radius}"
+          density="800"/></body>"""
+        for i in (-1, 1) for j in (-1, 1)
+    )  # fmt: skip
+    mast = rng.uniform(0.2, 0.5) * size
+    body = f"""<body name="cart" pos="0 0 {radius}"><freejoint name="root"/>
+    <geom type="box" size="{1.2 * x} {0.7 * y} {0.04 * size}" pos="0 0 {0.05 * size}"
+          density="{rng.uniform(300, 900)}"/>{wheels}
+    <body pos="0 0 {0.1 * size}"><joint name="mast_pitch" axis="0 1 0" range="-1.2 1.2"/>
+      <joint name="mast_roll" axis="1 0 0" range="-1.2 1.2"/>
+      <geom type="capsule" fromto="0 0 0 0 0 {mast}" size="{0.03 * size}" density="700"/>
+    </body></body>"""
+    return _text("wheels", rng, body), {}
+
+
+def _arm(rng: Generator) -> Made:
+    size = rng.uniform(0.5, 1.5)
+    link, foot = 0.25 * size, rng.uniform(0.12, 0.2) * size
+    base = rng.choice(("cylinder", "box"))
+    extent = f"{foot} {0.03 * size}" if base == "cylinder" else f"{foot} {foot} {0.03 * size}"
+    body = f"""<body name="base" pos="0 0 {0.03 * size}"><freejoint name="root"/>
+    <geom type="{base}" size="{extent}" density="{rng.uniform(1500, 4000)}"/>
+    <body pos="0 0 {0.04 * size}"><joint name="turn" axis="0 0 1"/>
+      <joint name="shoulder" axis="0 1 0" range="-1.5 1.5"/>
+      <geom type="capsule" fromto="0 0 {0.06 * size} 0 0 {link}" size="{0.035 * size}"/>
+      <body pos="0 0 {link}"><joint name="elbow" axis="0 1 0" range="-2.6 2.6"/>
+        <geom type="capsule" fromto="0 0 {0.06 * size} 0 0 {link}" size="{0.03 * size}"/>
+        <body pos="0 0 {link}"><joint name="wrist" axis="1 0 0" range="-1.5 1.5"/>
+          <geom type="box" size="{0.06 * size} {0.02 * size} {0.05 * size}" pos="0 0 {0.05 * size}"
+                density="600"/></body></body></body></body>"""
+    return _text("arm", rng, body), {"shoulder": -0.7, "elbow": 1.5}
+
+
+def _ball(rng: Generator) -> Made:
+    radius = rng.uniform(0.05, 0.3)
+    inner = 0.3 * radius
+    body = f"""<body name="ball" pos="0 0 {radius}"><freejoint name="root"/>
+    <geom type="sphere" size="{radius}" density="{rng.uniform(100, 1200)}"/>
+    <body name="heart" pos="0 0 {-0.2 * radius}">
+      <joint name="beat" type="slide" axis="0 0 1" range="{-inner} {2 * inner}"/>
+      <geom type="sphere" size="{inner}" density="{rng.uniform(4000, 9000)}"
+            contype="0" conaffinity="0"/></body></body>"""
+    return _text("ball", rng, body), {"beat": -0.9 * inner}
+
+
+def _bird(rng: Generator) -> Made:
+    size = rng.uniform(0.5, 1.5)
+    link, density = 0.16 * size, rng.uniform(400, 1200)
+    foot = rng.choice(
+        (
+            f'<geom type="box" size="{0.07 * size} {0.04 * size} {0.012 * size}" '
+            f'pos="{0.01 * size} 0 {-0.01 * size}" density="900"/>',
+            f'<geom type="capsule" fromto="{-0.05 * size} 0 0 {0.07 * size} 0 0" '
+            f'size="{0.015 * size}" density="900"/>',
+        )
+    )
+    legs = "".join(
+        f"""<body pos="0 {y * size} 0"><joint name="{side}_splay" axis="1 0 0" range="-.5 .5"/>
+    <joint name="{side}_hip" axis="0 1 0" range="-1.5 1.5"/>
+    <geom type="capsule" fromto="0 0 0 0 0 {-0.8 * link}" size="{0.02 * size}" density="{density}"/>
+    <body pos="0 0 {-link}"><joint name="{side}_knee" axis="0 1 0" range="-.1 2.4"/>
+      <geom type="capsule" fromto="0 0 0 0 0 {-0.8 * link}" size="{0.015 * size}"
+            density="{density}"/>
+      <body pos="0 0 {-link}"><joint name="{side}_ankle" axis="0 1 0" range="-1.3 1.3"/>
+        {foot}</body></body></body>"""
+        for side, y in (("left", 0.07), ("right", -0.07))
+    )
+    body = f"""<body name="trunk" pos="0 0 {2 * link}"><freejoint name="root"/>
+    <geom type="ellipsoid" size="{0.12 * size} {0.09 * size} {0.08 * size}"
+          pos="0 0 {0.06 * size}" density="{rng.uniform(200, 600)}"/>{legs}
+    <body pos="{0.08 * size} 0 {0.1 * size}"><joint name="neck" axis="0 1 0" range="-1.2 1.2"/>
+      <geom type="capsule" fromto="0 0 0 {0.03 * size} 0 {0.12 * size}" size="{0.02 * size}"
+            density="500"/></body></body>"""
+    bend = {"hip": -0.7, "knee": 1.4, "ankle": -0.7}
+    strength = 6 * size**4 * rng.uniform(0.7, 1.5)
+    return _text("bird", rng, body, f'actuatorfrcrange="-{strength} {strength}"'), {
+        f"{side}_{j}": a for side in ("left", "right") for j, a in bend.items()
+    }
+
+
+def _box(rng: Generator) -> Made:
+    x, y, z = rng.uniform(0.05, 0.25, 3)
+    body = f"""<body name="box" pos="0 0 {z}"><freejoint name="root"/>
+    <geom type="box" size="{x} {y} {z}" density="{rng.uniform(200, 1500)}"/>
+    <body pos="0 0 {z + 0.02}"><joint name="lid" axis="0 1 0" range="-1.4 1.4"/>
+      <geom type="capsule" fromto="0 0 0 0 0 {1.5 * z}" size="{0.15 * min(x, y)}"/></body></body>"""
+    return _text("box", rng, body), {}
+
+
+def _snake(rng: Generator) -> Made:
+    radius, length = rng.uniform(0.02, 0.05), rng.uniform(0.1, 0.2)
+    links = 6
+    inner = ""
+    for i in reversed(range(1, links)):
+        inner = f"""<body pos="{-length} 0 0">
+      <joint name="yaw_{i}" axis="0 0 1" range="-1.2 1.2" pos="{length / 2} 0 0"/>
+      <joint name="pitch_{i}" axis="0 1 0" range="-.8 .8" pos="{length / 2} 0 0"/>
+      <geom type="capsule" fromto="{-length / 2 + radius} 0 0 {length / 2 - radius} 0 0"
+            size="{radius}"/>{inner}</body>"""
+    body = f"""<body name="head" pos="0 0 {radius}"><freejoint name="root"/>
+    <geom type="capsule" fromto="{-length / 2 + radius} 0 0 {length / 2 - radius} 0 0"
+          size="{radius}"/>{inner}</body>"""
+    return _text("snake", rng, body), {}
+
+
+SMALL: Mapping[str, Callable[[Generator], Made]] = {
+    "four legs": _walker("four_legs", (-0.22, 0.22)),
+    "six legs": _walker("six_legs", (-0.3, 0.0, 0.3)),
+    "wheels": _wheels,
+    "arm": _arm,
+    "ball": _ball,
+    "bird": _bird,
+    "box": _box,
+    "snake": _snake,
+}
+SHIPPED: Mapping[str, Mapping[str, float]] = {
+    "lamp": {"base_pitch": -0.5, "elbow_pitch": 2.2, "head_pitch": -1.0},
+    "penguin": {f"{s}_{j}": a for s in ("left", "right") for j, a in
+                {"hip_pitch": -1.1, "knee": 1.9, "ankle_pitch": -0.8}.items()},
+    "squirrel": {f"{s}_{j}": a for s in ("left", "right") for j, a in
+                 {"hip_pitch": -1.2, "knee": 2.0, "ankle_pitch": -0.8}.items()},
+}  # fmt: skip
+G1_CROUCH = {f"{s}_{j}_joint": a for s in ("left", "right") for j, a in
+             {"hip_pitch": -0.7, "knee": 1.3, "ankle_pitch": -0.6}.items()}  # fmt: skip
+NAMES = (*SHIPPED, "g1", *SMALL)
+_PLAIN = 'friction="1 0.005 0.0001"'
+
+
+def build(name: str, rng: Generator, g1: Path | None = None) -> Subject:
+    """A subject of this kind.
+
+    Args:
+        name: one of ``NAMES``.
+        rng: draws size, mass, friction and softness.
+        g1: the G1's MJCF file; needed for "g1" only.
+    """
+    if name == "g1":
+        if g1 is None:
+            raise FileNotFoundError("the G1's MJCF file is not here")
+        spec = mujoco.MjSpec.from_file(str(g1))
+        floor = spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE)
+        floor.size = [20, 20, 0.1]
+        text = g1.read_text(encoding="utf-8")
+        return Subject(name, Character.load(g1), spec.compile(), text, G1_CROUCH)
+    if name in SHIPPED:
+        text = (models_folder() / f"{name}.xml").read_text(encoding="utf-8")
+        friction, soft = rng.uniform(0.4, 1.2), rng.choice(SOFTNESS)
+        given = f'friction="{friction:.3f} 0.005 0.0001" solref="{soft}"'
+        text = text.replace(_PLAIN, given)
+        character = Character.from_xml(text, name=name)
+        return Subject(name, character, character.model, text, SHIPPED[name])
+    text, crouch = SMALL[name](rng)
+    character = Character.from_xml(text, name=name.replace(" ", "_"))
+    names = character.joint_names
+    spin = tuple(n for n in names if n.startswith("wheel"))
+    return Subject(name, character, character.model, text, crouch, spin)
+
+
+def g1_file() -> Path | None:
+    """The G1's file among the data, where that is here."""
+    folder = os.environ.get("PHYSRETARGET_DATA")
+    beside = Path(__file__).resolve().parents[3] / "shared" / "data"
+    file = (Path(folder) if folder else beside) / "robot" / "g1_no_mesh_box_feet.xml"
+    return file if file.is_file() else None
+
+
+def generator(*keys: int | str) -> Generator:
+    """A random generator that depends on these keys alone."""
+    words = [k if isinstance(k, int) else int.from_bytes(k.encode(), "little") for k in keys]
+    return np.random.default_rng(words)
