@@ -17,7 +17,6 @@ The other directions are kept: the key poses have decided them.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,11 +26,11 @@ from physretarget.errors import InputError
 from physretarget.features import frame_of
 from physretarget.kinematics import forward, jacobian, quat_multiply
 from physretarget.mjcf import Character, Momentum, derivatives, momentum
+from physretarget.options.retargeting import Heading
 
-__all__ = ["Heading", "Placed", "Scales", "place", "scales"]
+__all__ = ["Placed", "Scales", "place", "scales"]
 
 Array = NDArray[np.float64]
-Heading = Literal["momentum", "actor"]
 
 CORRECTIONS = 4  # each takes in part of what discretisation has missed
 SMOOTHNESS = 0.1  # see _integrated; five times less triples the jerk of a cartwheel

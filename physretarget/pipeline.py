@@ -13,7 +13,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,60 +23,30 @@ from physretarget._version import __version__
 from physretarget.balance import Balanced, balance
 from physretarget.capture.actor import ActorMotion, ActorShape
 from physretarget.clip import Clip
-from physretarget.errors import InputError, UsageError
+from physretarget.errors import InputError
 from physretarget.features import features
 from physretarget.mapping import Mapped
 from physretarget.mjcf import Character, actor_character
 from physretarget.mjcf.dynamics import lowpass
 from physretarget.novelty import Novelty, novelty
+from physretarget.options.retargeting import STAGES, RetargetSettings, Stage
 from physretarget.trained import TrainedMapper
 
+__all__ = [
+    "STAGES",
+    "Progress",
+    "RetargetSettings",
+    "Retargeted",
+    "Stage",
+    "retarget",
+]
+
 Array = NDArray[np.float64]
-Stage = Literal["mapped", "placed", "contacted", "physical", "balanced"]
-Tail = Literal["mapped", "passive"]
-TAILS: tuple[Tail, ...] = get_args(Tail)
 SWINGS = 2
 """Rounds of place, contact and swing: the swinging limb moves the body that swings it."""
 FEWEST = 8
 """Frames of a clip."""
-STAGES: tuple[Stage, ...] = get_args(Stage)
 Progress = Callable[[str], None]
-
-
-@dataclass(frozen=True, kw_only=True)
-class RetargetSettings:
-    """What can be set about a retargeting; read once at the edge.
-
-    until: the last stage to run. physics: preset of the root-height optimisation.
-    fps: frame rate of the clip, None for the capture's own up to ``max_fps``.
-    lowpass_hz: zero-lag 4th order Butterworth on the actor's motion before anything else
-    (6 Hz is the biomechanics standard, Winter 2009); None for no filter.
-    heading: where the character's yaw comes from, see :func:`physretarget.momentum.place`.
-    tail: where joints that the model names as passive get their motion: from the mapper, or
-    from passive dynamics on the moving body, see :mod:`physretarget.passive`.
-    """
-
-    until: Stage = "balanced"
-    physics: ocp.Preset = "default"
-    heading: momentum.Heading = "actor"
-    tail: Tail = "mapped"
-    fps: float | None = None
-    max_fps: float = 60.0
-    lowpass_hz: float | None = 6.0
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        if self.until not in STAGES:
-            raise UsageError(f"until is {self.until!r}; it is one of {', '.join(STAGES)}.")
-        if self.tail not in TAILS:
-            raise UsageError(f"tail is {self.tail!r}; it is one of {', '.join(TAILS)}.")
-        if self.tail == "passive" and self.until in ("mapped", "placed"):
-            raise UsageError(f"a passive tail needs the contact stage; until is {self.until!r}.")
-        for name, rate in (("frame rate", self.fps), ("highest frame rate", self.max_fps)):
-            if rate is not None and not 1 <= rate <= 1000:
-                raise UsageError(f"The {name} is {rate:g}; it must lie between 1 and 1000.")
-        if self.lowpass_hz is not None and not 0 < self.lowpass_hz < float("inf"):
-            raise UsageError(f"The low-pass is {self.lowpass_hz:g} Hz; it must be above 0.")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

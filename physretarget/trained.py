@@ -18,6 +18,7 @@ from physretarget.clip.arrays import texts
 from physretarget.errors import InputError
 from physretarget.keyposes import KeyPoseSet, training_pairs
 from physretarget.mjcf import Character, actor_character
+from physretarget.options.retargeting import MapperOptions
 
 Array = NDArray[np.float64]
 FORMAT = "physretarget/mapper/1"
@@ -190,8 +191,8 @@ def learn(
     character: Character,
     keyposes: KeyPoseSet,
     *,
-    mapper: str = "sgplvm",
-    dims: int = 30,
+    mapper: str = MapperOptions.mapper,
+    dims: int = MapperOptions.dims,
     seed: int = 0,
 ) -> TrainedMapper:
     """Learn a mapper from key poses.

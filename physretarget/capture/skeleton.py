@@ -11,15 +11,8 @@ from numpy.typing import NDArray
 from physretarget.capture.names import Body, recognise
 from physretarget.capture.recording import Floats, JointRecording, Source
 from physretarget.errors import InputError, UsageError
+from physretarget.options.motion import CAPTURE_UNITS as UNITS
 
-# The CMU database's Acclaim files count in units of 1/0.45 inch.
-UNITS: Mapping[str, float] = {
-    "m": 1.0,
-    "cm": 0.01,
-    "mm": 0.001,
-    "inch": 0.0254,
-    "cmu": 0.0254 / 0.45,
-}
 # Thigh + shank of a 1.75 m adult: 0.245 + 0.246 of height (Winter 2009, table 4.1).
 _LEG = 0.491 * 1.75
 _LEG_RANGE = (1 / 2.2, 1.45)  # legs from a toddler's to a giant's; others fit no known unit

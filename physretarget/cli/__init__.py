@@ -6,31 +6,65 @@ Exit codes: 0 fine; 1 the judged thing failed; 2 unusable input or usage.
 from __future__ import annotations
 
 import sys
-from pathlib import Path
-from typing import Annotated
+from importlib import import_module
+from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
+import typer.main
+from typer.core import TyperCommand, TyperGroup
 
 from physretarget._version import __version__
 from physretarget.cli import common
 from physretarget.errors import PhysretargetError
 
-ORDER = (
-    "demo", "retarget", "learn", "stream", "keyposes", "validate", "rules", "inspect", "replay",
-    "convert", "suite", "serve", "token", "face", "reproduce",
-)  # fmt: skip
-"""Of commands in the help: as they are met with, not as they are imported."""
+COMMANDS = {
+    "demo": ("demo", "Have a desk lamp act out a real jump and dance."),
+    "retarget": ("retarget", "Turn captures into clips of a character."),
+    "learn": ("retarget", "Learn a mapper from key poses, once for many captures."),
+    "stream": ("stream", "Retarget frame by frame: JSON lines in, JSON lines out."),
+    "keyposes": ("suggest", "Check, draw, suggest and propose key poses."),
+    "validate": ("validate", "Judge clips, or all clips of a folder, by physics."),
+    "rules": ("validate", "Explain the rules: meaning, threshold, source."),
+    "inspect": ("validate", "Audit a character: mass, inertia, geometry, limits."),
+    "replay": ("replay", "Play a clip with its forces: a window, a film or a page."),
+    "convert": ("convert", "Convert a clip between file formats."),
+    "suite": ("suite", "Judge a whole library every night, and say what changed."),
+    "serve": ("serve", "Judge and retarget over HTTP, with a web page."),
+    "token": ("serve", "Make, list and revoke tokens of the service."),
+    "face": ("face", "Turn facial capture into an animator's sparse curves."),
+    "reproduce": ("reproduce", "Make a paper's figures and tables from real data."),
+}
+"""Name → module of this package that registers it, and the first line of its help.
+
+In the order of the help: as they are met with. A module is imported when its command is asked for:
+solvers and MuJoCo take a second.
+"""
 
 
-class _Ordered(TyperGroup):
-    def list_commands(self, ctx: object) -> list[str]:
-        return sorted(self.commands, key=ORDER.index)
+class _Lazy(TyperGroup):
+    """The program's group: until a command is asked for, a name and a line stand for it."""
+
+    def __init__(self, *, commands: dict[str, Any], **attributes: Any) -> None:
+        stubs = {name: TyperCommand(name, help=line) for name, (_, line) in COMMANDS.items()}
+        super().__init__(commands=stubs | commands, **attributes)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        if args and args[0] in COMMANDS:
+            self.load(args[0])
+        return super().resolve_command(ctx, args)
+
+    def load(self, name: str) -> Any:
+        """Import a command and put it in the place of its stub."""
+        import_module(f"physretarget.cli.{COMMANDS[name][0]}")
+        made = typer.main.get_command(app)
+        assert isinstance(made, TyperGroup)
+        self.commands[name] = made.commands[name]
+        return self.commands[name]
 
 
 app = typer.Typer(
     name="physretarget",
-    cls=_Ordered,
+    cls=_Lazy,
     help="""Human motion capture to non-humanoid characters, and clips judged by physics.
 
     A character is a MuJoCo model (MJCF). Key poses say in pairs: where the actor does this, the
@@ -59,32 +93,6 @@ def _program(
     ] = False,
 ) -> None:
     pass
-
-
-# Importing a command's module registers it. Solvers and MuJoCo take a second, which is more
-# than a nightly run in which nothing changed has to do: these come alone where they are meant.
-if sys.argv[1:2] == ["suite"] and Path(sys.argv[0]).stem in ("physretarget", "__main__"):
-    from physretarget.cli import suite
-elif sys.argv[1:2] in (["serve"], ["token"]) and Path(sys.argv[0]).stem in (
-    "physretarget",
-    "__main__",
-):
-    from physretarget.cli import serve
-else:
-    from physretarget.cli import (  # noqa: F401
-        convert,
-        demo,
-        face,
-        keyposes,
-        replay,
-        reproduce,
-        retarget,
-        serve,
-        stream,
-        suggest,
-        suite,
-        validate,
-    )
 
 
 def main() -> None:

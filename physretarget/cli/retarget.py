@@ -5,146 +5,103 @@ from __future__ import annotations
 import shlex
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from physretarget import capture, contact, ocp
+from physretarget import capture, contact
 from physretarget.capture.actor import ActorMotion
 from physretarget.cli import app
-from physretarget.cli.common import command, complete, fail, one_of, progress, say
-from physretarget.cli.retarget_options import (
-    DIMS,
-    HEADINGS,
-    CapturesArgument,
-    CharacterOption,
-    ContactsOption,
-    DimsOption,
-    FpsOption,
-    HeadingOption,
-    KeyposesOption,
-    LowpassOption,
-    MapperOption,
-    MassOption,
-    OutOption,
-    PhysicsOption,
-    ReportOption,
-    SeedOption,
-    SkeletonOption,
-    TailOption,
-    UnitOption,
-    UntilOption,
-    UpOption,
-)
+from physretarget.cli.common import Given, command, fail, progress, say
 from physretarget.errors import PhysretargetError, UsageError
 from physretarget.keyposes import load_keyposes
 from physretarget.mapping import NAMES
 from physretarget.mjcf import Character
-from physretarget.pipeline import STAGES, TAILS, Retargeted, RetargetSettings, retarget
+from physretarget.options import LEARN, RETARGET, build
+from physretarget.options.judging import JudgingOptions
+from physretarget.options.motion import CAPTURES, CaptureOptions
+from physretarget.options.retargeting import MapperOptions, MapperSource
+from physretarget.pipeline import STAGES, Retargeted, RetargetSettings, retarget
 from physretarget.report.retarget import write_retarget_report
 from physretarget.report.text import one_line
 from physretarget.report.words import count
 from physretarget.trained import TrainedMapper, check_mobile, learn
-from physretarget.validation import Report, validate
+from physretarget.validation import RULES, Report, Settings, settings_of, validate
 
 CAPTURE_ENDINGS = (".bvh", ".c3d", ".trc", ".amc", ".txt", ".json")
+
+
+CapturesArgument = Annotated[
+    list[Path], typer.Argument(metavar="CAPTURE...", help=f"{CAPTURES} files.")
+]
 
 
 @command(
     app,
     "learn",
+    LEARN,
     example="physretarget learn --character lamp.xml --keyposes lamp.keyposes.toml --out lamp.npz",
 )
-def learn_command(
-    character: CharacterOption,
-    out: Annotated[Path, typer.Option("--out", metavar="MAPPER.npz", help="The file to write.")],
-    keyposes: KeyposesOption = None,
-    mapper: Annotated[
-        str,
-        typer.Option(
-            "--mapper",
-            help="sgplvm is the paper's; the others are baselines: Gaussian process, linear map, "
-            "nearest key poses.",
-            **complete(NAMES),
-        ),
-    ] = "sgplvm",
-    dims: DimsOption = None,
-    seed: SeedOption = 0,
-) -> None:
+def learn_command(given: Given) -> None:
     """Learn a mapper from key poses, once for many captures.
 
     What it writes goes to retarget --mapper and stream --mapper.
     """
-    one_of(mapper, NAMES, "--mapper")
+    out: Path = given["out"]
     _ends_in_npz(out)
-    trained = _learn(_mobile(character), keyposes, mapper, dims, seed)
+    trained = _learn(_mobile(given["character"]), given)
     trained.save(out)
-    say(f"{out}: {mapper} learned from {len(trained.names)} key poses.")
+    say(f"{out}: {build(MapperOptions, given).mapper} learned from {len(trained.names)} key poses.")
 
 
-def _learn(
-    character: Character, keyposes: list[Path] | None, mapper: str, dims: int | None, seed: int
-) -> TrainedMapper:
-    if not keyposes:
+def _learn(character: Character, given: Given) -> TrainedMapper:
+    if not given.get("keyposes"):
         raise UsageError("--keyposes FILE is needed to learn a mapper.")
-    poses = load_keyposes(keyposes, character)
+    settings = build(MapperOptions, given)
+    poses = load_keyposes(given["keyposes"], character)
     most = max(len(poses.poses) - 1, 1)
-    if dims is not None and dims > most:
+    if "dims" in given and settings.dims > most:
         raise UsageError(
-            f"--dims is {dims}; {len(poses.poses)} key poses differ in at most {most} dimensions, "
-            f"so {most} is the most."
+            f"--dims is {settings.dims}; {len(poses.poses)} key poses differ in at most {most} "
+            f"dimensions, so {most} is the most."
         )
-    return learn(character, poses, mapper=mapper, dims=dims or DIMS, seed=seed)
+    return learn(character, poses, **asdict(settings))
 
 
 @command(
     app,
     "retarget",
+    RETARGET,
     example="physretarget retarget jump.bvh --character lamp.xml "
     "--keyposes lamp.keyposes.toml --out jump.npz --report jump-report",
 )
-def retarget_command(
-    captures: CapturesArgument,
-    character: CharacterOption,
-    out: OutOption,
-    keyposes: KeyposesOption = None,
-    mapper: MapperOption = "sgplvm",
-    dims: DimsOption = None,
-    until: UntilOption = "balanced",
-    physics: PhysicsOption = "default",
-    heading: HeadingOption = "actor",
-    tail: TailOption = "mapped",
-    contacts: ContactsOption = None,
-    fps: FpsOption = None,
-    lowpass: LowpassOption = 6.0,
-    unit: UnitOption = None,
-    up: UpOption = None,
-    skeleton: SkeletonOption = None,
-    mass: MassOption = None,
-    seed: SeedOption = 0,
-    report: ReportOption = None,
-) -> None:
+def retarget_command(captures: CapturesArgument, given: Given) -> None:
     """Turn captures into clips of a character.
 
     Needs key poses (--keyposes), or what learn made of them (--mapper MAPPER.npz). The stages:
     mapped (poses), placed (the way over the floor), contacted (feet), physical (the root's
     height), balanced.
     """
-    settings = _settings(until, physics, heading, tail, fps, lowpass, seed)
+    out: Path = given["out"]
+    settings = build(RetargetSettings, given, seed=given.get("seed", 0))
+    judging = settings_of(given, RULES, JudgingOptions)
     _no_folders(captures)
     targets = _targets(captures, out)
-    model = _mobile(character)
-    trained = _mapper(mapper, model, keyposes, dims, seed)
+    contacts = given.get("contacts")
+    trained = _mapper(_mobile(given["character"]), given)
     job = _Job(
         trained=trained,
         settings=settings,
+        judging=judging,
         phases=contact.read_phases(contacts) if contacts else None,
-        load=partial(capture.load, unit=unit, up=up, skeleton=skeleton, mass=mass),
+        load=partial(
+            capture.load, skeleton=given.get("skeleton"), **asdict(build(CaptureOptions, given))
+        ),
     )
-    if failed := _each(job, captures, targets, _folders(captures, targets, out, report)):
+    if failed := _each(job, captures, targets, _folders(captures, targets, out, given)):
         raise typer.Exit(failed)
 
 
@@ -154,6 +111,7 @@ class _Job:
 
     trained: TrainedMapper
     settings: RetargetSettings
+    judging: Settings
     phases: contact.Phases | None
     load: Callable[[Path], ActorMotion]
 
@@ -169,7 +127,7 @@ class _Job:
         if folder is None:
             return result, None
         step("report")
-        judged = validate(result.clip, self.trained.character)
+        judged = validate(result.clip, self.trained.character, settings=self.judging)
         write_retarget_report(result, self.trained, judged, folder)
         return result, judged
 
@@ -207,30 +165,6 @@ def _how_to_judge(clips: list[Path], character: Character) -> str:
     """The command that gives the verdict on clips that nobody has judged."""
     words = ["physretarget", "validate", *map(str, clips), "--model", str(character.path)]
     return f"{'Are they' if len(clips) > 1 else 'Is it'} plausible? {shlex.join(words)}"
-
-
-def _settings(
-    until: str,
-    physics: str,
-    heading: str,
-    tail: str,
-    fps: float | None,
-    lowpass: float,
-    seed: int,
-) -> RetargetSettings:
-    one_of(until, STAGES, "--until")
-    one_of(physics, ocp.PRESETS, "--physics")
-    one_of(heading, HEADINGS, "--heading")
-    one_of(tail, TAILS, "--tail")
-    return RetargetSettings(
-        until=until,  # type: ignore[arg-type]
-        physics=physics,  # type: ignore[arg-type]
-        heading=heading,  # type: ignore[arg-type]
-        tail=tail,  # type: ignore[arg-type]
-        fps=fps,
-        lowpass_hz=lowpass or None,
-        seed=seed,
-    )
 
 
 def _mobile(character: Path) -> Character:
@@ -281,26 +215,25 @@ def _targets(captures: list[Path], out: Path) -> list[Path]:
 
 
 def _folders(
-    captures: list[Path], targets: list[Path], out: Path, report: Path | None
+    captures: list[Path], targets: list[Path], out: Path, given: Given
 ) -> list[Path | None]:
     """Where each capture's report goes: the folder told, or one in it where clips get one too."""
+    report: Path | None = given.get("report")
     return [
         report / path.stem if report and target != out else report
         for path, target in zip(captures, targets, strict=True)
     ]
 
 
-def _mapper(
-    mapper: str, model: Character, keyposes: list[Path] | None, dims: int | None, seed: int
-) -> TrainedMapper:
+def _mapper(model: Character, given: Given) -> TrainedMapper:
     """Read where a file is told, learned where a name is."""
-    if not mapper.endswith(".npz"):
-        one_of(mapper, NAMES, "--mapper (or a file that ends in .npz)")
-        return _learn(model, keyposes, mapper, dims, seed)
+    mapper = build(MapperSource, given).mapper
+    if mapper in NAMES:
+        return _learn(model, given)
     trained = TrainedMapper.load(mapper, model)
-    for option, told in (("--keyposes", keyposes), ("--dims", dims)):
-        if told:
-            raise UsageError(f"{option} is for learning, but {mapper} has been learned already.")
+    for name in ("keyposes", "dims"):
+        if name in given:
+            raise UsageError(f"--{name} is for learning, but {mapper} has been learned already.")
     return trained
 
 

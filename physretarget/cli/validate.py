@@ -4,25 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache, partial
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Annotated, cast, get_args
+from typing import Annotated
 
 import typer
 from rich.progress import Progress
 
 from physretarget.cli import app
-from physretarget.cli.common import command, complete, fail, messages, one_of, say
-from physretarget.cli.validate_out import SUFFIXES, Judged, Output
+from physretarget.cli.common import Given, command, fail, messages, say
+from physretarget.cli.validate_out import Judged, Output
 from physretarget.clip import open_clip
 from physretarget.clip.load import CLIP_SUFFIXES
-from physretarget.clip.raw import JointOrder
-from physretarget.clip.unit import UNITS
 from physretarget.errors import InputError, PhysretargetError, UsageError
 from physretarget.mjcf import Character
 from physretarget.mjcf.audit import audit
+from physretarget.options import VALIDATE, build
+from physretarget.options.judging import ReportOptions, ValidationOptions
+from physretarget.options.motion import ClipOptions
 from physretarget.report.html import render_html
 from physretarget.report.rules import render_rule, render_rules
 from physretarget.report.words import count
@@ -32,93 +33,24 @@ from physretarget.validation import (
     Settings,
     apply_baseline,
     load_baseline,
-    load_settings,
     save_baseline,
+    settings_of,
     validate,
 )
 from physretarget.validation.baseline import Accepted
-from physretarget.validation.report import Severity
-from physretarget.validation.rule import Profile
-
-FORMATS = tuple(SUFFIXES)
-PROFILES = get_args(Profile)
-ORDERS = get_args(JointOrder)
 
 
 @command(
     app,
     "validate",
+    VALIDATE,
     example="physretarget validate walk.csv --model g1.xml --fps 30 --profile robot --lowpass 6",
 )
 def validate_command(
     clips: Annotated[
         list[Path], typer.Argument(metavar="CLIP...", help="Clips, or folders of them.")
     ],
-    model: Annotated[
-        Path, typer.Option("--model", metavar="MODEL.xml", help="The clips' MJCF file.")
-    ],
-    fps: Annotated[
-        float | None,
-        typer.Option("--fps", help="Frames per second of files that do not say.", metavar="FPS"),
-    ] = None,
-    quat: Annotated[
-        str | None,
-        typer.Option("--quat", help="Their quaternion order.", **complete(("wxyz", "xyzw"))),
-    ] = None,
-    unit: Annotated[
-        str | None,
-        typer.Option(
-            "--unit",
-            help="Their length unit, if not m; or metres per unit, as in 0.0254.",
-            metavar="|".join(UNITS) + "|METRES",
-        ),
-    ] = None,
-    config: Annotated[
-        Path | None, typer.Option("--config", help="Rules and thresholds.", metavar="FILE.toml")
-    ] = None,
-    profile: Annotated[
-        str | None, typer.Option("--profile", help="Thresholds [animation].", **complete(PROFILES))
-    ] = None,
-    lowpass: Annotated[
-        float | None, typer.Option("--lowpass", help="Low-pass before judging.", metavar="HZ")
-    ] = None,
-    also: Annotated[
-        str | None,
-        typer.Option("--also", help="Other tools' numbers too.", **complete(("literature",))),
-    ] = None,
-    baseline: Annotated[
-        Path | None,
-        typer.Option("--baseline", help="Findings accepted earlier.", metavar="FILE.json"),
-    ] = None,
-    accept: Annotated[
-        Path | None,
-        typer.Option("--accept", help="Write findings as a baseline.", metavar="FILE.json"),
-    ] = None,
-    format_: Annotated[
-        str, typer.Option("--format", help="Of the report.", **complete(FORMATS))
-    ] = "text",
-    fail_on: Annotated[
-        str,
-        typer.Option(
-            "--fail-on", help="What makes the exit code 1.", **complete(("error", "warning"))
-        ),
-    ] = "error",
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out",
-            help="Of several clips: a file for all (all.json), or a folder with a report of each "
-            "[default: stdout].",
-            metavar="FILE|FOLDER",
-        ),
-    ] = None,
-    joint_order: Annotated[
-        str | None,
-        typer.Option("--joint-order", help="Of files without names.", **complete(ORDERS)),
-    ] = None,
-    jobs: Annotated[
-        int, typer.Option("--jobs", help="Clips judged at a time.", min=1, metavar="N")
-    ] = 1,
+    given: Given,
 ) -> None:
     """Judge clips, or all clips of a folder, by physics.
 
@@ -127,30 +59,29 @@ def validate_command(
 
     Exit code 1 if one fails, 2 if one could not be read.
     """
-    one_of(format_, FORMATS, "--format")
-    one_of(fail_on, ("error", "warning"), "--fail-on")
+    told = build(ReportOptions, given)
     several = len(clips) > 1 or clips[0].is_dir()
-    level: Severity = "warning" if fail_on == "warning" else "error"
-    output = Output(format=format_, fail_on=level, path=out, several=several)
+    output = Output(format=told.format, fail_on=told.fail_on, path=told.out, several=several)
     output.check()
-    settings = _settings(config, profile, lowpass, also)
-    if joint_order is not None:
-        one_of(joint_order, ORDERS, "--joint-order")
     job = _Job(
-        model=model, settings=settings, accepted=load_baseline(baseline) if baseline else None,
-        format=format_, fps=fps, quat=quat, unit=unit, order=cast("JointOrder | None", joint_order),
-    )  # fmt: skip
-    _character(model)  # a broken model is one error, not one for every clip
+        model=given["model"],
+        settings=settings_of(given, RULES, ValidationOptions),
+        accepted=load_baseline(told.baseline) if told.baseline else None,
+        format=told.format,
+        reading=build(ClipOptions, given),
+    )
+    _character(job.model)  # a broken model is one error, not one for every clip
     files = _files(clips)
-    judged, unread = _judged(files, _outcomes(files, job, jobs), several=several)
+    judged, unread = _judged(files, _outcomes(files, job, told.jobs), several=several)
     reports = [one.report for one in judged]
-    if accept is not None:
-        save_baseline(reports, accept)
-        say(f"{accept}: {count(sum(len(r.findings) for r in reports), 'finding')} accepted.")
+    if told.accept is not None:
+        save_baseline(reports, told.accept)
+        accepted = count(sum(len(r.findings) for r in reports), "finding")
+        say(f"{told.accept}: {accepted} accepted.")
     output.put(judged, unread)
     if unread:
         raise typer.Exit(2)
-    if any(report.fails(level) for report in reports):
+    if any(report.fails(told.fail_on) for report in reports):
         raise typer.Exit(1)
 
 
@@ -162,10 +93,7 @@ class _Job:
     settings: Settings
     accepted: Accepted | None
     format: str
-    fps: float | None
-    quat: str | None
-    unit: str | None
-    order: JointOrder | None
+    reading: ClipOptions
 
 
 @lru_cache(maxsize=1)
@@ -175,9 +103,7 @@ def _character(model: Path) -> Character:
 
 def _judge(path: Path, job: _Job, progress: Callable[[int, int], None] | None = None) -> Judged:
     character = _character(job.model)
-    clip = open_clip(
-        path, character=character, fps=job.fps, quat=job.quat, joint_order=job.order, unit=job.unit
-    )
+    clip = open_clip(path, character=character, **asdict(job.reading))
     report = validate(clip, character, settings=job.settings, progress=progress)
     if job.accepted is not None:
         report = apply_baseline(report, job.accepted)
@@ -255,23 +181,6 @@ def _files(clips: list[Path]) -> list[Path]:
             raise InputError(f"holds no clips ({', '.join(CLIP_SUFFIXES)}).", path=path)
         files += inside
     return files
-
-
-def _settings(
-    config: Path | None, profile: str | None, lowpass: float | None, also: str | None
-) -> Settings:
-    """The file's settings, those on the command line over them."""
-    settings = load_settings(config, RULES) if config else Settings()
-    given: dict[str, object] = {}
-    if profile is not None:
-        one_of(profile, PROFILES, "--profile")
-        given["profile"] = profile
-    if lowpass is not None:
-        given["lowpass_hz"] = lowpass or None
-    if also is not None:
-        one_of(also, ("literature",), "--also")
-        given["also_literature"] = True
-    return replace(settings, **given)  # type: ignore[arg-type]
 
 
 @command(app, "rules", example="physretarget rules DYN001")

@@ -12,6 +12,7 @@ import typer
 from physretarget.cli.common import say
 from physretarget.clip import write_file
 from physretarget.errors import InputError, UsageError
+from physretarget.options.judging import Severity
 from physretarget.report.json import render_json
 from physretarget.report.junit import render_junit
 from physretarget.report.markdown import render_markdown
@@ -19,7 +20,6 @@ from physretarget.report.sarif import render_sarif
 from physretarget.report.text import render_text
 from physretarget.report.words import count
 from physretarget.validation import Report
-from physretarget.validation.report import Severity
 
 SUFFIXES: dict[str, tuple[str, ...]] = {
     "text": (".txt",),

@@ -12,9 +12,10 @@ from typing import IO
 from physretarget.clip import gmr, locomujoco, mjlab, own, plain, table
 from physretarget.clip.arrays import MAX_BYTES, Members, npy_frames
 from physretarget.clip.core import Clip, LongClip
-from physretarget.clip.raw import JointOrder, Layout, Raw, Told, finish, order_of
+from physretarget.clip.raw import Layout, Raw, Told, finish, order_of
 from physretarget.clip.unit import unit_scale
 from physretarget.errors import InputError
+from physretarget.options.motion import JointOrder
 
 CLIP_SUFFIXES = (".npz", ".npy", ".csv", ".pkl")
 

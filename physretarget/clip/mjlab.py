@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from physretarget import kinematics
 from physretarget.clip.arrays import Frames, Members
 from physretarget.clip.core import Floats
-from physretarget.clip.raw import JointOrder, Layout, Raw, Told, rows_of
+from physretarget.clip.raw import Layout, Raw, Told, rows_of
 from physretarget.clip.scratch import Rows
 from physretarget.errors import InputError
+from physretarget.options.motion import JointOrder
 
 # Files are float32 and models differ by rounding; the wrong order is off by centimetres.
 _AGREE = 2e-3

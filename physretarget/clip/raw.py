@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from difflib import get_close_matches
-from typing import Literal, Protocol, cast
+from typing import Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +16,8 @@ from physretarget.clip.quaternion import Lengths, QuatOrder, decide_order, doubt
 from physretarget.clip.scratch import Rows
 from physretarget.errors import InputError, UsageError
 from physretarget.kinematics import Tree
+from physretarget.options.motion import JointOrder
 
-JointOrder = Literal["model", "breadth-first"]
 # A thousand kilometres, or 160 000 turns of a joint: damage, not motion.
 _ABSURD = 1e6
 _WIDTH = {"free": 7, "ball": 4, "hinge": 1, "slide": 1}

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from physretarget.errors import UsageError
-
-UNITS: Mapping[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254}
-"""Metres per unit."""
+from physretarget.options.motion import CLIP_UNITS as UNITS
 
 
 def unit_scale(unit: str | None) -> float | None:

@@ -12,6 +12,8 @@ from physretarget.mapping.gplvm import SharedGPLVM, fit_gplvm
 from physretarget.mapping.nearest import NearestPoses, fit_nearest
 from physretarget.mapping.pca import PrincipalMap, fit_pca
 from physretarget.mapping.protocol import Array, Arrays, Mapped, Mapper, Space
+from physretarget.options.retargeting import MAPPERS as NAMES
+from physretarget.options.retargeting import MapperOptions
 
 __all__ = [
     "NAMES",
@@ -26,9 +28,6 @@ __all__ = [
     "from_arrays",
 ]
 
-NAMES = ("sgplvm", "gp", "pca", "nn3", "nn10")
-"""The mappers that :func:`fit` knows."""
-
 DEFAULT_ITERATIONS = 70
 
 
@@ -37,7 +36,7 @@ def fit(
     y: Array,
     z: Array,
     *,
-    dims: int = 30,
+    dims: int = MapperOptions.dims,
     iterations: int = DEFAULT_ITERATIONS,
     seed: int = 0,
     calibrated: bool = True,

@@ -9,12 +9,11 @@ Yamane 2010, section 5.3.
 from __future__ import annotations
 
 from physretarget.ocp.optimise import RootHeight, optimise
-from physretarget.ocp.settings import PRESETS, ContactModel, Preset, RootHeightSettings
+from physretarget.ocp.settings import PRESETS, ContactModel, RootHeightSettings
 
 __all__ = [
     "PRESETS",
     "ContactModel",
-    "Preset",
     "RootHeight",
     "RootHeightSettings",
     "optimise",

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import get_args
 
 from physretarget.errors import UsageError
+from physretarget.options.retargeting import Physics
 
-Preset = Literal["default", "paper", "convex"]
-PRESETS: tuple[Preset, ...] = get_args(Preset)
+PRESETS: tuple[Physics, ...] = get_args(Physics)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +59,7 @@ class RootHeightSettings:
     iterations, tolerance: of Gauss-Newton in each of those, relative decrease.
     """
 
-    name: Preset = "default"
+    name: Physics = "default"
     dimensionless: bool = True
     interval: float = 1.0 / 60.0
     vertical: float = 1.0

@@ -20,6 +20,7 @@ from physretarget import momentum
 from physretarget.capture.actor import CONTACT_POINTS, NQ, ActorShape
 from physretarget.errors import InputError
 from physretarget.mapping.track import track
+from physretarget.options.retargeting import LONGEST_DELAY
 from physretarget.stream.body import Body, Solver
 from physretarget.stream.place import Heading, Placer
 from physretarget.stream.plant import Planter
@@ -37,8 +38,6 @@ FIRST, ANEW = 30, 8
 LOST, BETTER = 0.03, 0.5
 """A pose whose markers miss by more than this, in heights, is sought anew; what is found is taken
 if it misses by less than this share."""
-LONGEST_DELAY = 5.0
-"""s; from a few stances on nothing is gained."""
 
 
 @dataclass(frozen=True, eq=False)

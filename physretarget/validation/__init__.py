@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from physretarget.validation.baseline import apply_baseline, load_baseline, save_baseline
 from physretarget.validation.codes import BY_CODE, RULES
-from physretarget.validation.config import Settings, load_settings
+from physretarget.validation.config import Settings, load_settings, settings_of
 from physretarget.validation.report import Coverage, Finding, Measure, Report
 from physretarget.validation.rule import Limit, Rule
 from physretarget.validation.validate import validate, validate_many
@@ -30,6 +30,7 @@ __all__ = [
     "load_baseline",
     "load_settings",
     "save_baseline",
+    "settings_of",
     "validate",
     "validate_many",
 ]

@@ -5,23 +5,22 @@ from __future__ import annotations
 import os
 import tomllib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, get_args
 
-import numpy as np
-
 from physretarget.errors import InputError, UsageError
-from physretarget.validation.report import Severity
-from physretarget.validation.rule import Profile, Rule
+from physretarget.options import told
+from physretarget.options.judging import JudgingOptions, Severity, ValidationOptions
+from physretarget.validation.rule import Rule
 
 # Beyond any unit; TOML knows whole numbers of any length.
 _LARGEST = 1e15
 
 
 @dataclass(frozen=True, kw_only=True)
-class Settings:
+class Settings(ValidationOptions):
     """How to judge.
 
     ``lowpass_hz`` filters the clip before anything is differentiated (None: not at all).
@@ -30,24 +29,6 @@ class Settings:
     ``ignore`` are codes or their beginnings ("DYN"). ``limits`` maps a code to limit names to
     values, ``severity`` a code to its severity. ``also_literature`` adds other tools' numbers.
     """
-
-    profile: Profile = "animation"
-    lowpass_hz: float | None = None
-    contact_tolerance_m: float | None = None
-    friction: float | None = None
-    select: tuple[str, ...] = ()
-    ignore: tuple[str, ...] = ()
-    limits: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    severity: Mapping[str, Severity] = field(default_factory=dict)
-    also_literature: bool = False
-
-    def __post_init__(self) -> None:
-        if self.profile not in get_args(Profile):
-            raise UsageError(f"profile '{self.profile}' is unknown: use animation or robot.")
-        for name in ("lowpass_hz", "contact_tolerance_m", "friction"):
-            value = getattr(self, name)
-            if value is not None and not (np.isfinite(value) and value > 0):
-                raise UsageError(f"{name} is {value}, a number above 0 is needed.")
 
     def chosen(self, rules: tuple[Rule, ...]) -> tuple[Rule, ...]:
         """The rules that are selected and not ignored."""
@@ -71,6 +52,30 @@ class Settings:
         if "error" in told and "warning" not in told and "warning" in values:
             values["warning"] = min(values["warning"], values["error"])
         return values
+
+
+def settings_of(
+    given: Mapping[str, Any], rules: tuple[Rule, ...], group: type[JudgingOptions]
+) -> Settings:
+    """The settings of a config file, if there is one, with the options given over them.
+
+    Args:
+        given: options by name, as :mod:`physretarget.options` reads them; ``config`` is the file.
+        rules: whose codes are valid.
+        group: the options that are about judging; others of the same name are left alone.
+
+    Raises:
+        InputError: the file cannot be used.
+        UsageError: a code or a limit that no rule has.
+    """
+    base = load_settings(given["config"], rules) if "config" in given else Settings()
+    changes = told(group, given)
+    limits = _limits(changes.get("limits", {}), rules)
+    severity = _severity(changes.get("severity", {}), rules)
+    changes |= {"limits": {**base.limits, **limits}, "severity": {**base.severity, **severity}}
+    settings = replace(base, **changes)
+    settings.chosen(rules)
+    return settings
 
 
 def check_codes(codes: tuple[str, ...], rules: tuple[Rule, ...]) -> None:

@@ -8,8 +8,9 @@ import numpy as np
 
 from physretarget.mjcf import Character
 from physretarget.mjcf.audit import AUDIT_KEYS, AuditFact, audit
+from physretarget.options.judging import Severity
 from physretarget.validation.analysis import Analysis
-from physretarget.validation.report import Finding, Severity
+from physretarget.validation.report import Finding
 from physretarget.validation.rule import Rule, Verdict
 
 _NAMED = 4

@@ -9,8 +9,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from physretarget.options.judging import Severity
+
 SCHEMA = "physretarget/report/1"
-Severity = Literal["error", "warning"]
 Status = Literal["checked", "not-covered"]
 
 

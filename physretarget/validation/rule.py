@@ -7,15 +7,14 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from physretarget.options.judging import Profile, Severity
 from physretarget.validation.analysis import Analysis
-from physretarget.validation.report import Finding, Severity
+from physretarget.validation.report import Finding
 
-Profile = Literal["animation", "robot"]
 Limits = Mapping[str, float]
 _SECTIONS = ("What it does", "Why it matters", "Threshold", "Example")
 # Bad stretches closer than this are one finding, or a noisy clip would drown its reader.

@@ -26,7 +26,8 @@ from .conftest import LAMP, MODELS, Run
 def _commands() -> list[tuple[str, ...]]:
     def walk(group, before: tuple[str, ...]):
         yield before
-        for name, command in getattr(group, "commands", {}).items():
+        for name in getattr(group, "commands", {}):
+            _, command, _ = group.resolve_command(typer.Context(group), [name])
             yield from walk(command, (*before, name))
 
     return list(walk(typer.main.get_command(app), ()))

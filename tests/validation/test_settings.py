@@ -82,11 +82,11 @@ def test_toml_sets_everything(tmp_path: Path, biped: Character, lifted: Clip) ->
     ("text", "message"),
     [
         ("profil = 'robot'", "did you mean 'profile'"),
-        ("profile = 'boat'", "animation or robot"),
+        ("profile = 'boat'", "one of animation, robot"),
         ("select = 'DYN'", "list of codes"),
         ("ignore = ['DYM']", "valid are DAT001"),
         ("lowpass_hz = 'six'", "must be a number"),
-        ("lowpass_hz = -1", "above 0"),
+        ("lowpass_hz = -1", "from 0 to 1000 Hz"),
         ("[limits.DYN001]\nwarn = 1", "has no limit 'warn'"),
         ("[limits.DYN77]\nwarning = 1", "no rule has the code"),
         ("[severity]\nDYN001 = 'fatal'", "error"),

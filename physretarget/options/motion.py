@@ -1,0 +1,126 @@
+"""How clips and captures are read: what their files do not say."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from physretarget.options.option import check, option
+
+Quat = Literal["wxyz", "xyzw"]
+JointOrder = Literal["model", "breadth-first"]
+
+CLIP_UNITS: Mapping[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254}
+"""Metres per unit."""
+# The CMU database's Acclaim files count in units of 1/0.45 inch.
+CAPTURE_UNITS: Mapping[str, float] = {**CLIP_UNITS, "cmu": 0.0254 / 0.45}
+"""Metres per unit."""
+CAPTURES = "BVH, C3D, TRC, AMC or DeepMimic"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClipOptions:
+    """What a clip's file does not say."""
+
+    fps: float | None = option(
+        None,
+        help="Frames per second of a file that does not say.",
+        unit="fps",
+        above=0,
+        most=10_000,
+        default_text="from the file",
+        label="Frames per second",
+    )
+    quat: Quat | None = option(
+        None,
+        help="Order of the root's quaternion in a file that does not say.",
+        default_text="found out",
+        label="Quaternions",
+    )
+    unit: str | None = option(
+        None,
+        help="Length unit of the file; or metres per unit, as in 0.0254.",
+        choices=tuple(CLIP_UNITS),
+        or_metres=True,
+        default_text="m",
+        advanced=True,
+        label="Length unit",
+    )
+    joint_order: JointOrder | None = option(
+        None, help="Order of the joints in a file that does not name them; simulators differ.",
+        default_text="found out", advanced=True,
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        check(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CaptureOptions:
+    """What a capture's file does not say."""
+
+    unit: str | None = option(
+        None,
+        help="The capture's length unit; or metres per unit, as in 0.0254. The CMU "
+        "database's AMC files have cmu.",
+        choices=tuple(CAPTURE_UNITS),
+        or_metres=True,
+        default_text="guessed",
+        advanced=True,
+        label="Length unit",
+    )
+    up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = option(
+        None,
+        help="The capture's up axis.",
+        default_text="guessed",
+        metavar="[-]x|y|z",
+        advanced=True,
+        label="Up axis",
+    )
+    mass: float | None = option(
+        None, help="The actor's mass.", unit="kg", least=5, most=500,
+        default_text="from the stature", advanced=True, label="Actor's mass",
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        check(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SkeletonFile:
+    """The second file of an AMC capture."""
+
+    skeleton: Path | None = option(
+        None, help="Skeleton of an AMC capture, if it is not beside it.", metavar="FILE.asf"
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Resampling:
+    """The rate at which a capture is played."""
+
+    resample: float | None = option(
+        None, help="Bring the capture to this many frames per second first.", unit="fps", least=1,
+        most=1000, default_text="as recorded", aliases=("fps",),
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        check(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClipModel:
+    """The model of a clip."""
+
+    model: Path = option(help="The clips' MJCF file.", aliases=("character",), metavar="MODEL.xml")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CharacterFile:
+    """The character that is to move."""
+
+    character: Path = option(
+        help="The character's MJCF file.", aliases=("model",), metavar="MODEL.xml"
+    )

@@ -1,0 +1,170 @@
+"""How captures become clips: the mapper, the stages, and the frames that come one by one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, get_args
+
+from physretarget.errors import UsageError
+from physretarget.options.option import check, option
+
+MapperName = Literal["sgplvm", "gp", "pca", "nn3", "nn10"]
+Stage = Literal["mapped", "placed", "contacted", "physical", "balanced"]
+Physics = Literal["default", "paper", "convex"]
+Heading = Literal["actor", "momentum"]
+Tail = Literal["mapped", "passive"]
+MAPPERS: tuple[MapperName, ...] = get_args(MapperName)
+STAGES: tuple[Stage, ...] = get_args(Stage)
+LONGEST_DELAY = 5.0  # s
+
+
+@dataclass(frozen=True, kw_only=True)
+class MapperOptions:
+    """How a mapper is learned from key poses."""
+
+    mapper: str = option(
+        "sgplvm",
+        help="What to learn from the key poses: sgplvm is the paper's, the others are "
+        "baselines (Gaussian process, linear map, nearest key poses).",
+        choices=MAPPERS,
+    )
+    dims: int = option(
+        30,
+        help="Latent dimensions of sgplvm and pca, fewer than key poses.",
+        least=1,
+        most=200,
+        advanced=True,
+    )
+    seed: int = option(
+        0, help="Of learning: same seed, same mapper.", least=0, most=2**31 - 1, advanced=True
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        check(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MapperSource(MapperOptions):
+    """A mapper to learn, or one that was learned before."""
+
+    mapper: str = option(
+        "sgplvm", help="What to learn from the key poses (sgplvm is the paper's, the others are "
+        "baselines), or a file that learn has written.", choices=MAPPERS, or_file=".npz",
+        metavar="|".join(MAPPERS) + "|MAPPER.npz",
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class RetargetSettings:
+    """What can be set about a retargeting; read once at the edge.
+
+    ``lowpass_hz`` is a zero-lag 4th order Butterworth on the actor's motion before anything else
+    (6 Hz is the biomechanics standard, Winter 2009). ``fps`` is the clip's frame rate, at which
+    the capture is sampled; None for the capture's own up to ``max_fps``. For ``heading`` see
+    :func:`physretarget.momentum.place`, for ``tail`` :mod:`physretarget.passive`.
+    """
+
+    until: Stage = option("balanced", help="Last stage to run.", advanced=True)
+    physics: Physics = option(
+        "default", help="How stage physical finds the root's height; paper: as Yamane 2010 does."
+    )
+    heading: Heading = option(
+        "actor",
+        help="What the character's facing follows: the actor's, or angular momentum (the paper).",
+        advanced=True,
+    )
+    tail: Tail = option(
+        "mapped",
+        help="Joints that the model names as passive: posed by the mapper, or left to swing.",
+        advanced=True,
+    )
+    fps: float | None = option(
+        None,
+        name="resample",
+        help="Bring the capture, and so the clip, to this many frames per second.",
+        unit="fps",
+        least=1,
+        most=1000,
+        default_text="the capture's, up to 60",
+        aliases=("fps",),
+        advanced=True,
+    )
+    lowpass_hz: float | None = option(
+        6.0,
+        name="lowpass",
+        help="Low-pass filter on the capture; 0 for none.",
+        unit="Hz",
+        above=0,
+        most=1000,
+        zero_for_none=True,
+        label="Low-pass",
+    )
+    seed: int = 0
+    max_fps: float = 60.0  # fmt: skip
+
+    def __post_init__(self) -> None:
+        check(self)
+        if self.tail == "passive" and self.until in ("mapped", "placed"):
+            raise UsageError(f"a passive tail needs the contact stage; until is {self.until!r}.")
+        if not 1 <= self.max_fps <= 1000:
+            raise UsageError(f"max_fps is {self.max_fps:g}; it must be a number from 1 to 1000.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class KeyPoseFiles:
+    """What a mapper is learned from."""
+
+    keyposes: tuple[Path, ...] = option(
+        (), help="Key pose file to learn from; may be given several times.", metavar="FILE"
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class MapperFile:
+    """Where a mapper goes."""
+
+    out: Path = option(help="The file to write.", metavar="MAPPER.npz")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RetargetOutput:
+    """Where clips and their reports go."""
+
+    out: Path = option(
+        help="Clip to write (.npz), or a folder; several captures need a folder.", metavar="PATH"
+    )
+    report: Path | None = option(
+        None, help="Folder for a page with verdict and replay; of several captures a folder each "
+        "in it.", metavar="FOLDER",
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class PhasesFile:
+    """Contact phases set by hand."""
+
+    contacts: Path | None = option(
+        None, help="When which foot stands, set by hand.", metavar="FILE.toml",
+        default_text="detected",
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class StreamOptions:
+    """Retargeting frame by frame."""
+
+    mapper: Path = option(help="Written by learn.", metavar="MAPPER.npz")
+    character: Path | None = option(
+        None,
+        help="Its MJCF file, unless it came with the package.",
+        aliases=("model",),
+        metavar="MODEL.xml",
+    )
+    listen: str | None = option(None, help="Serve a TCP socket, not stdin.", metavar="HOST:PORT")
+    capture: Path | None = option(None, help="Play this capture instead of stdin.", metavar="PATH")
+    delay: float = option(
+        0.0, help="Poses come so much later than their frames, and nearer to retarget's; looking "
+        "farther ahead than a few steps brings them no nearer.", unit="s", least=0,
+        most=LONGEST_DELAY,
+    )  # fmt: skip

@@ -1,0 +1,117 @@
+"""Which options each command has, and so the service's jobs, the suite's cases, the web form."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import cached_property
+from typing import Any
+
+from physretarget.errors import UsageError
+from physretarget.options.judging import (
+    ConfigFile,
+    JudgingOptions,
+    ReportOptions,
+    ValidationOptions,
+)
+from physretarget.options.motion import (
+    CaptureOptions,
+    CharacterFile,
+    ClipModel,
+    ClipOptions,
+    SkeletonFile,
+)
+from physretarget.options.option import Option, options_of
+from physretarget.options.retargeting import (
+    KeyPoseFiles,
+    MapperFile,
+    MapperOptions,
+    MapperSource,
+    PhasesFile,
+    RetargetOutput,
+    RetargetSettings,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Schema:
+    """The options of one command, as settings classes.
+
+    Attributes:
+        name: the command's.
+        files: what it reads besides the clips or captures: command line and suite file; the
+            service takes them as uploads.
+        shared: what changes its result: command line, suite file, API and web form.
+        here: what concerns the command line alone.
+    """
+
+    name: str
+    files: tuple[type, ...] = ()
+    shared: tuple[type, ...] = ()
+    here: tuple[type, ...] = ()
+
+    @cached_property
+    def command_line(self) -> tuple[Option, ...]:
+        """All options, in the order of the help."""
+        return _options((*self.files, *self.shared, *self.here))
+
+    @cached_property
+    def api(self) -> tuple[Option, ...]:
+        """Those of the service's jobs and of the web form."""
+        return _options(self.shared)
+
+    @cached_property
+    def suite(self) -> tuple[Option, ...]:
+        """Those of the suite file."""
+        return _options((*self.files, *self.shared))
+
+
+def _options(groups: tuple[type, ...]) -> tuple[Option, ...]:
+    return tuple({each.name: each for group in groups for each in options_of(group)}.values())
+
+
+def find(name: str, options: tuple[Option, ...]) -> Option:
+    """The option of a name or an alias.
+
+    Raises:
+        UsageError: there is none; says which there are.
+    """
+    for each in options:
+        if name == each.name or name in each.aliases:
+            return each
+    names = [each.name for each in options]
+    close = get_close_matches(name, names, n=1)
+    hint = f"did you mean {close[0]!r}? " if close else ""
+    raise UsageError(f"there is no option {name!r}: {hint}there are {', '.join(names)}.")
+
+
+def read(given: Mapping[str, Any], options: tuple[Option, ...]) -> dict[str, Any]:
+    """Options from a file or a program, checked, by name; those that are null are left out.
+
+    Raises:
+        UsageError: one sentence about the first that is unknown or holds what is not allowed.
+    """
+    values: dict[str, Any] = {}
+    for name, value in given.items():
+        each = find(name, options)
+        if value is not None:
+            values[each.name] = each.read(value, name)
+    return values
+
+
+VALIDATE = Schema(
+    name="validate",
+    files=(ClipModel, ConfigFile),
+    shared=(ValidationOptions, ClipOptions),
+    here=(ReportOptions,),
+)
+LEARN = Schema(
+    name="learn", files=(CharacterFile, KeyPoseFiles), shared=(MapperOptions,), here=(MapperFile,)
+)
+RETARGET = Schema(
+    name="retarget",
+    files=(CharacterFile, KeyPoseFiles, SkeletonFile, PhasesFile, ConfigFile),
+    shared=(MapperSource, RetargetSettings, CaptureOptions, JudgingOptions),
+    here=(RetargetOutput,),
+)
