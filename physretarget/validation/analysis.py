@@ -19,6 +19,7 @@ from physretarget.clip import Motion
 from physretarget.kinematics import slerp
 from physretarget.mjcf import Character, check_lowpass
 from physretarget.validation.chunk import Workspace
+from physretarget.validation.continuity import Continuity, continuity
 from physretarget.validation.declared import columns as contact_columns
 from physretarget.validation.grid import Grid, Poses
 
@@ -98,6 +99,11 @@ class Analysis:
     def body_name(self, body: int) -> str:
         """A body's name, or its number where it has none."""
         return self.character.model.body(int(body)).name or f"body{int(body)}"
+
+    @cached_property
+    def continuity(self) -> Continuity:
+        """How its frames follow one another, before any filter."""
+        return continuity(self.character, self.poses, self.frames, self.fps)
 
     @cached_property
     def judges_forces(self) -> bool:

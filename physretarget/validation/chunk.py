@@ -5,10 +5,8 @@ say where):
 
 * ``required_force`` (T, 3) BW, ``required_moment`` (T, 3) BW h about the CoM: what the floor
   must supply; ``root_acceleration`` m/s^2
-* ``step`` rad or m since the frame before, ``leap_linear`` m/s, ``leap_angular`` rad/s faster
-  than the frames around (all unfiltered)
 * ``joint_speed`` rad/s or m/s; ``limit_excess`` rad or m beyond a joint's range (unfiltered)
-* ``jerk`` dimensionless, windowed; ``jitter`` the same without single shocks
+* ``jerk`` dimensionless, windowed
 * ``lowest`` m above the floor of what may touch, ``deepest`` of all collision geometry;
   ``clearance`` m by which no point touches, below 0 where one does;
   ``touching`` number of touching points, ``touch`` (T, bodies) which bodies touch,
@@ -44,7 +42,6 @@ from physretarget.validation.elsewhere import Elsewhere
 from physretarget.validation.geometry import Candidates, candidates, collision_geoms, of_geoms
 from physretarget.validation.selfcollision import SelfCollision
 from physretarget.validation.smoothness import windowed_jerk
-from physretarget.validation.steps import judge_steps
 from physretarget.validation.support import (
     arrows,
     find_support,
@@ -149,7 +146,7 @@ def analyse_chunk(work: Workspace, chunk: Chunk) -> Series:
     pose = kinematics.forward(character.tree, chunk.qpos)
     raw = pose if chunk.raw is chunk.qpos else kinematics.forward(character.tree, chunk.raw)
     keep = chunk.keep
-    series = judge_steps(character.tree, chunk.raw, 1 / chunk.step, keep)
+    series: Series = {}
     _joints(series, work, chunk, qvel)
     series |= windowed_jerk(pose.position[:, character.bodies], chunk.time, keep, character)
     series |= work.collision.judge(chunk.qpos[keep])

@@ -1,4 +1,4 @@
-"""Jitter: dimensionless jerk of body origins over a sliding window."""
+"""Smoothness: dimensionless jerk of body origins over a sliding window."""
 
 from __future__ import annotations
 
@@ -24,7 +24,6 @@ EDGE_S = 0.1
 # Finer clips are looked at over steps of this rate. A foot's blow lasts milliseconds: from 500
 # frames/s on, every step of a simulation would count as trembling. Tremor has 12 Hz at most.
 _RATE = 120.0
-_CUTS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 
 
 def edge_frames(fps: float) -> int:
@@ -34,8 +33,6 @@ def edge_frames(fps: float) -> int:
 
 def windowed_jerk(position: Floats, time: Floats, keep: slice, character: Character) -> Series:
     """(T,) worst dimensionless jerk over the bodies, in the window around each frame.
-
-    ``jerk`` is the textbook's; ``jitter`` leaves single shocks out.
 
     ``position`` (T, nb, 3) with neighbours; nothing is returned for clips shorter than the
     seven points that the difference formula needs.
@@ -57,21 +54,13 @@ def windowed_jerk(position: Floats, time: Floats, keep: slice, character: Charac
     half = WINDOW_S / step / 2
     area = np.zeros_like(squared)
     area[1:] = np.cumsum(0.5 * (squared[1:] + squared[:-1]) * step, axis=0)
-    parts = np.diff(np.stack([_shifted(area, c * half) for c in _CUTS]), axis=0)
-    integral = parts.sum(axis=0)
-    # One landing fills one quarter of the window, two where it lies on a cut: trembling fills
-    # them all. The second smallest stands for every quarter.
-    steady = len(parts) * np.partition(parts, 1, axis=0)[1]
+    integral = _shifted(area, half) - _shifted(area, -half)
     slowest = _SLOWEST * max(character.com_height, 1e-3)
     peak = np.maximum(_window_max(speed, half), slowest)
     bodies = np.asarray(character.bodies, dtype=np.int64)
-    series: Series = {}
-    for name, value in (("jerk", integral), ("jitter", steady)):
-        ratio = (WINDOW_S**3 * value / peak**2)[keep]
-        worst = ratio.argmax(axis=1)
-        series[name] = ratio[np.arange(len(ratio)), worst]
-        series[f"{name}_body"] = bodies[worst]
-    return series
+    ratio = (WINDOW_S**3 * integral / peak**2)[keep]
+    worst = ratio.argmax(axis=1)
+    return {"jerk": ratio[np.arange(len(ratio)), worst], "jerk_body": bodies[worst]}
 
 
 def _jerk(position: Floats, span: int, step: float) -> Floats:

@@ -1,44 +1,48 @@
-"""From frame to frame, unfiltered: frames that repeat, frames that leap."""
+"""What stands out among the steps of a clip: jumps and spikes beyond limit and noise."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from physretarget.kinematics import Tree, difference
+from physretarget.validation.report import Severity
+from physretarget.validation.rule import Limits
 
-Floats = NDArray[np.float64]
-Series = dict[str, NDArray[np.generic]]
-
-
-def linear_dofs(tree: Tree) -> NDArray[np.bool_]:
-    """(nv,) which degrees of freedom move in metres."""
-    linear = np.zeros(tree.nv, dtype=bool)
-    for joint in tree.joints:
-        if joint.kind in ("free", "slide"):
-            linear[joint.dof : joint.dof + (3 if joint.kind == "free" else 1)] = True
-    return linear
+# Of white noise the largest jump in 10 000 frames is five times its deviation.
+_ABOVE_NOISE = 6.0
+_WARNING = 0.6  # share of the limit of an error
 
 
-def judge_steps(tree: Tree, raw: Floats, fps: float, keep: slice) -> Series:
-    """``step`` (T,) largest change of a coordinate since the frame before (0 at the start), and
-    ``leap_linear`` m/s, ``leap_angular`` rad/s: how much faster than the steps before and after.
+class Kind(NamedTuple):
+    """What jumps: its name among the limits, in a message, its unit, and the unit to be shown."""
 
-    ``raw`` (T, nq) comes with its neighbours.
+    name: str
+    what: str
+    unit: str
+    shown: float
+    of: str
+
+
+def stands_out(
+    size: NDArray[np.float64], noise: NDArray[np.float64], kind: Kind, limits: Limits, fps: float
+) -> Iterator[tuple[int, float, float, Severity]]:
+    """Index, size, limit and severity of what exceeds a limit and the noise around it.
+
+    The limit holds at any frame rate: a size, and what an acceleration moves in one step.
     """
-    change = np.abs(np.diff(raw, axis=0)).max(axis=1)
-    series: Series = {"step": np.r_[0.0, change][keep]}
-    if len(raw) < 3:
-        return series
-    speed = np.abs(difference(tree, raw[:-1], raw[1:])) * fps
-    around = np.empty_like(speed)
-    around[0], around[-1] = speed[1], speed[-2]
-    around[1:-1] = np.maximum(speed[:-2], speed[2:])
-    leap = np.vstack([np.zeros((1, tree.nv)), speed - around])[keep]
-    linear = linear_dofs(tree)
-    for name, flags in (("leap_linear", linear), ("leap_angular", ~linear)):
-        if flags.any():
-            worst = np.flatnonzero(flags)[leap[:, flags].argmax(axis=1)]
-            series[name] = leap[np.arange(len(leap)), worst]
-            series[f"{name}_dof"] = worst
-    return series
+    if fps <= 0:
+        return
+    error = limits[kind.name] + limits[f"{kind.name}_acceleration"] / fps**2
+    high = (size > _WARNING * error) & (size > _ABOVE_NOISE * noise)
+    for index in np.flatnonzero(high):
+        value = float(size[index])
+        severe = value > error
+        yield (
+            int(index),
+            value,
+            error if severe else _WARNING * error,
+            ("error" if severe else "warning"),
+        )

@@ -104,6 +104,17 @@ def _(biped, hop, standing):  # type: ignore[no-untyped-def]
     return posed(hop, **{f"q{i}": lambda q, t: np.degrees(q) for i in range(7, 13)}), biped
 
 
+@fires("DAT008")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    kept = np.r_[0:195, 197 : hop.frames]  # on the way up
+    return replace(hop, qpos=hop.qpos[kept], time=hop.time[: len(kept)]), biped
+
+
+@fires("DAT009")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    return posed(hop, q2=lambda q, t: q + 0.02 * (np.arange(len(q)) == 100)), biped
+
+
 @fires("MDL001")
 def _(biped, hop, standing):  # type: ignore[no-untyped-def]
     return odd(first=f'<inertial pos="0 0 0" mass="1" diaginertia="5 5 5"/>{BOX}')
