@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from physretarget.validation.report import Severity
+from physretarget.options.judging import Severity
 from physretarget.validation.rule import Limits
 
 # Of white noise the largest jump in 10 000 frames is five times its deviation.

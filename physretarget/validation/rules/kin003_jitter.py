@@ -30,8 +30,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from physretarget.options.judging import Severity
 from physretarget.validation.analysis import Analysis
-from physretarget.validation.report import Finding, Severity
+from physretarget.validation.report import Finding
 from physretarget.validation.rule import Limit, Limits, Rule, Verdict, dof_names, most_severe
 
 
