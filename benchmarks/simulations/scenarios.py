@@ -98,11 +98,10 @@ def hop(subject: Subject, rng: Generator) -> Play:
     poses = np.stack([rest, deep, deep, high, high, rest])
 
     def target(t: float) -> Array:
-        i = int(np.searchsorted(times, t))
-        if i == 0 or i == len(times):
-            return poses[0 if i == 0 else -1]
-        part = (t - times[i - 1]) / (times[i] - times[i - 1])
-        return poses[i - 1] + (poses[i] - poses[i - 1]) * part * part * (3 - 2 * part)
+        i = int(np.searchsorted(times, t).clip(1, len(times) - 1))
+        part = np.clip((t - times[i - 1]) / (times[i] - times[i - 1]), 0, 1)
+        pose: Array = poses[i - 1] + (poses[i] - poses[i - 1]) * part * part * (3 - 2 * part)
+        return pose
 
     start = on_floor(subject, rest)
     motors = _motors(subject, 2 * np.pi * rng.uniform(12, 30))
@@ -133,7 +132,8 @@ def dance(subject: Subject, rng: Generator) -> Play:
     pace, phase = 2 * np.pi * rng.uniform(0.4, 2.5, model.nq), rng.uniform(0, 6.3, model.nq)
 
     def target(t: float) -> Array:
-        return rest + min(max(t, 0.0) / 0.5, 1.0) * wave * np.sin(pace * t + phase)
+        pose: Array = rest + min(max(t, 0.0) / 0.5, 1.0) * wave * np.sin(pace * t + phase)
+        return pose
 
     motors = _motors(subject, 2 * np.pi * rng.uniform(8, 20))
     return Play(on_floor(subject, rest), np.zeros(model.nv), target, motors, _seconds(rng), 0.2)
