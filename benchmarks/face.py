@@ -25,8 +25,8 @@ from physretarget.face.hmm import viterbi
 from physretarget.face.library import Library
 from physretarget.face.match import Banks, MatchSettings, match
 from physretarget.face.rig import Rig, RigChannel
-from physretarget.face.screen import METHODS, Method
 from physretarget.face.shot import Shot, Take
+from physretarget.options.facial import METHODS, Method
 
 FPS = 30.0
 CHANNELS = tuple(f"c{i:02d}" for i in range(54))

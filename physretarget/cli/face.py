@@ -6,24 +6,34 @@ import json
 import math
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, cast
+from typing import Annotated
 
 import typer
 
 from physretarget.cli import app
-from physretarget.cli.common import command, complete, one_of, progress, say
+from physretarget.cli.common import Given, command, progress, say
 from physretarget.errors import UsageError
 from physretarget.face.curve import Curve, Key
 from physretarget.face.formats import read_shots, read_take, write_shot
 from physretarget.face.library import Library, LibrarySettings
-from physretarget.face.match import PLACEMENTS, MatchSettings, Result, match
+from physretarget.face.match import MatchSettings, Result, match
 from physretarget.face.measure import extremum_timing, turning_point_timing
-from physretarget.face.reduce import Reducer, reduce_curve
+from physretarget.face.reduce import reduce_curve
 from physretarget.face.report import take_report, write_report
 from physretarget.face.rig import Rig
-from physretarget.face.screen import METHODS, Method
 from physretarget.face.shot import Shot
 from physretarget.files import write_file
+from physretarget.options import LIBRARY, MATCH, REDUCE, build
+from physretarget.options.facial import (
+    LARGEST_ERROR,
+    LibraryFiles,
+    LibraryOptions,
+    MatchReport,
+    RangeOptions,
+    ReductionOptions,
+    RigFile,
+)
+from physretarget.options.motion import Resampling
 
 group = typer.Typer(
     help="Turn facial capture into an animator's sparse curves.",
@@ -32,48 +42,34 @@ group = typer.Typer(
 )
 app.add_typer(group, name="face")
 
-REDUCERS = ("decimate", "schneider")
-RigOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--rig", metavar="RIG.toml", help="From capture to rig channels [default: ARKit's]."
-    ),
-]
-Out = Annotated[
-    Path, typer.Option("--out", metavar="FILE", help="Curves to write; the ending is the format.")
-]
-Fps = Annotated[
-    float | None, typer.Option("--fps", help="Resample the capture to this rate first.")
-]
-Lips = Annotated[
-    bool, typer.Option("--lips", help="Key the lips too, which are left to the capture.")
+CaptureArgument = Annotated[
+    Path,
+    typer.Argument(metavar="CAPTURE", help="Live Link Face CSV, or one of time and channels."),
 ]
 
 
 @command(
-    group, "library", example="physretarget face library shots/ --rig girl.toml --out style.npz"
+    group,
+    "library",
+    LIBRARY,
+    example="physretarget face library shots/ --rig girl.toml --out style.npz",
 )
 def library_command(
     paths: Annotated[
         list[Path], typer.Argument(metavar="SHOT...", help="Keyed curves, or folders of them.")
     ],
-    out: Annotated[Path, typer.Option("--out", metavar="LIB.npz", help="The library.")],
-    rig: RigOption = None,
-    min_keys: Annotated[
-        int,
-        typer.Option("--min-keys", help="Curves are halved as long as both have so many keys."),
-    ] = 4,
-    show: Annotated[bool, typer.Option("--list", help="Print every shot in it.")] = False,
+    given: Given,
 ) -> None:
     """Collect past shots into a library.
 
     An existing one is brought up to date; unchanged files are not reread.
     """
-    chosen = None if rig is None else Rig.load(rig)
+    told, rig = build(LibraryOptions, given), build(RigFile, given).rig
+    out, chosen = told.out, None if rig is None else Rig.load(rig)
     previous = Library.load(out) if out.exists() else None
     with progress("reading") as stage:
         made = Library.build(
-            paths, LibrarySettings(min_keys=min_keys), previous=previous, progress=stage
+            paths, LibrarySettings(min_keys=told.min_keys), previous=previous, progress=stage
         )
     made.save(out)
     lines = made.describe().splitlines()
@@ -82,75 +78,28 @@ def library_command(
         for name in dict.fromkeys(c.group for c in chosen.matched()):
             count = sum(chosen.borrows(name, e.channel) for e in made.examples)
             say(f"{name}: {count} curves to borrow from.")
-    if show:
+    if told.list:
         typer.echo("\n".join(lines[1:]))
 
 
 @command(
     group,
     "match",
+    MATCH,
     example="physretarget face match take.csv --library style.npz --rig girl.toml --out take.anim",
 )
-def match_command(
-    capture: Annotated[
-        Path,
-        typer.Argument(metavar="CAPTURE", help="Live Link Face CSV, or one of time and channels."),
-    ],
-    library: Annotated[
-        Path, typer.Option("--library", metavar="LIB.npz", help="Written by face library.")
-    ],
-    out: Out,
-    rig: RigOption = None,
-    method: Annotated[
-        str, typer.Option("--method", help="Measure of likeness.", **complete(METHODS))
-    ] = "distance",
-    fidelity: Annotated[
-        float,
-        typer.Option(
-            "--fidelity", help="Misfit worth one unit of price, as a share of what a channel moves."
-        ),
-    ] = MatchSettings.fidelity,
-    key_cost: Annotated[
-        float, typer.Option("--key-cost", help="Price of a key: higher is sparser.")
-    ] = MatchSettings.key_cost,
-    placement: Annotated[
-        str,
-        typer.Option(
-            "--placement",
-            help="The cheapest cover; the paper's, longest first; or one for a group of channels.",
-            **complete(PLACEMENTS),
-        ),
-    ] = "optimal",
-    lips: Lips = False,
-    start: Annotated[
-        float | None, typer.Option("--start", help="Of the range, in seconds.")
-    ] = None,
-    end: Annotated[float | None, typer.Option("--end", help="Of the range, in seconds.")] = None,
-    locked: Annotated[
-        Path | None,
-        typer.Option("--locked", metavar="FILE", help="Keyed curves whose keys stay as they are."),
-    ] = None,
-    fps: Fps = None,
-    report: Annotated[
-        Path | None, typer.Option("--report", metavar="DIR", help="Folder for an HTML report.")
-    ] = None,
-) -> None:
+def match_command(capture: CaptureArgument, given: Given) -> None:
     """Turn a capture into sparse curves in the library's style."""
-    one_of(method, METHODS, "--method")
-    settings = MatchSettings(
-        method=cast(Method, method),
-        fidelity=fidelity,
-        key_cost=key_cost,
-        placement=placement,
-        lips=lips,
-    )
-    take = read_take(capture, fps=fps)
-    shots = Library.load(library)
+    files, rig, out = build(LibraryFiles, given), build(RigFile, given).rig, given["out"]
+    settings = build(MatchSettings, given)
+    take = read_take(capture, fps=build(Resampling, given).resample)
+    shots = Library.load(files.library)
+    part = build(RangeOptions, given)
     span = None
-    if start is not None or end is not None:
-        span = (start if start is not None else 0.0, end if end is not None else take.time[-1])
+    if part.start is not None or part.end is not None:
+        span = (part.start or 0.0, take.time[-1] if part.end is None else part.end)
     used = Rig.of(take) if rig is None else Rig.load(rig)
-    pins = {} if locked is None else _locked(locked)
+    pins = {} if files.locked is None else _locked(files.locked)
     with progress("matching") as stage:
         result = match(take, shots, used, settings, span=span, locked=pins, progress=stage)
     for note in (*result.notes, *write_shot(out, result.shot())):
@@ -160,6 +109,7 @@ def match_command(
         f"{out}: {len(result.channels)} channels, {result.keys} keys, "
         f"{100 * result.reduction:.1f} % fewer than the capture's {dense} frames each."
     )
+    report = build(MatchReport, given).report
     if report is not None:
         _write_report(report, result)
         with progress("report"):
@@ -221,49 +171,30 @@ def _turning_points(result: Result, name: str) -> dict[str, float | int | None]:
 
 
 @command(
-    group, "reduce", example="physretarget face reduce take.csv --error 0.02 --out take.curves.json"
+    group,
+    "reduce",
+    REDUCE,
+    example="physretarget face reduce take.csv --error 0.02 --out take.curves.json",
 )
-def reduce_command(
-    capture: Annotated[
-        Path,
-        typer.Argument(metavar="CAPTURE", help="Live Link Face CSV, or one of time and channels."),
-    ],
-    out: Out,
-    how: Annotated[
-        str, typer.Option("--how", help="Which reduction.", **complete(REDUCERS))
-    ] = "decimate",
-    error: Annotated[
-        float | None,
-        typer.Option(
-            "--error", help="Largest error, as a share of what a channel moves [default: 0.02]."
-        ),
-    ] = None,
-    keys: Annotated[
-        int | None, typer.Option("--keys", help="Keys per channel, instead of --error.")
-    ] = None,
-    rig: RigOption = None,
-    lips: Lips = False,
-    fps: Fps = None,
-) -> None:
+def reduce_command(capture: CaptureArgument, given: Given) -> None:
     """Plain key reduction, the baseline that knows no animator."""
-    one_of(how, REDUCERS, "--how")
-    if error is None and keys is None:
-        error = 0.02
-    take = read_take(capture, fps=fps)
+    told, rig, out = build(ReductionOptions, given), build(RigFile, given).rig, given["out"]
+    error = LARGEST_ERROR if told.error is None and told.keys is None else told.error
+    take = read_take(capture, fps=build(Resampling, given).resample)
     used = Rig.of(take) if rig is None else Rig.load(rig)
     driven = used.drive(take)
     curves: dict[str, Curve] = {}
     with progress("reducing") as stage:
-        for channel in used.matched(lips=lips):
+        for channel in used.matched(lips=told.lips):
             stage(channel.name)
             values = driven.channel(channel.name)
             unit = min(max(float(values.max() - values.min()), 0.05 * channel.range), channel.range)
             curves[channel.name] = reduce_curve(
                 values,
                 take.fps,
-                cast(Reducer, how),
+                told.how,
                 error=None if error is None else error * unit,
-                keys=keys,
+                keys=told.keys,
             )
     shot = Shot(take.name, curves, take.fps, take.sha256)
     for loss in write_shot(out, shot):

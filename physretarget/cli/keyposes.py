@@ -8,10 +8,11 @@ from typing import Annotated
 import typer
 
 from physretarget.cli import app
-from physretarget.cli.common import command, progress, say
+from physretarget.cli.common import Given, command, progress, say
 from physretarget.errors import UsageError
 from physretarget.keyposes import check, load_keyposes, sheet
 from physretarget.mjcf import Character
+from physretarget.options import CHECK, SHEET
 
 group = typer.Typer(
     help="Check, draw, suggest and propose key poses.",
@@ -21,21 +22,21 @@ group = typer.Typer(
 app.add_typer(group, name="keyposes")
 
 Files = Annotated[list[Path], typer.Argument(metavar="FILE...", help="Key pose files (TOML).")]
-CharacterOption = Annotated[
-    Path, typer.Option("--character", metavar="MODEL.xml", help="The character's MJCF file.")
-]
 
 
 @command(
-    group, "check", example="physretarget keyposes check lamp.keyposes.toml --character lamp.xml"
+    group,
+    "check",
+    CHECK,
+    example="physretarget keyposes check lamp.keyposes.toml --character lamp.xml",
 )
-def check_command(files: Files, character: CharacterOption) -> None:
+def check_command(files: Files, given: Given) -> None:
     """Check key pose files.
 
     Joint limits, the floor, planted points, headings, pairs that contradict each other. Exit
     code 1 if a pose cannot be learned from.
     """
-    model = Character.load(character)
+    model = Character.load(given["character"])
     poses = load_keyposes(files, model)
     remarks = check(poses, model)
     for remark in remarks:
@@ -50,17 +51,15 @@ def check_command(files: Files, character: CharacterOption) -> None:
 @command(
     group,
     "sheet",
+    SHEET,
     example="physretarget keyposes sheet lamp.keyposes.toml --character lamp.xml --out lamp.png",
 )
-def sheet_command(
-    files: Files,
-    character: CharacterOption,
-    out: Annotated[Path, typer.Option("--out", metavar="SHEET.png", help="The picture.")],
-) -> None:
+def sheet_command(files: Files, given: Given) -> None:
     """Draw every pair, actor beside character, into one picture."""
+    out: Path = given["out"]
     if out.suffix.lower() != ".png":
         raise UsageError(f"--out is {str(out)!r}; the sheet is a picture that ends in .png.")
-    model = Character.load(character)
+    model = Character.load(given["character"])
     poses = load_keyposes(files, model)
     out.parent.mkdir(parents=True, exist_ok=True)
     with progress("drawing"):

@@ -10,21 +10,23 @@ import time as clock
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, TextIO
+from typing import Any, TextIO
 
 import numpy as np
-import typer
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from physretarget import capture
 from physretarget.capture.actor import CONTACT_POINTS, NQ, SEGMENTS, ActorShape
 from physretarget.cli import app
-from physretarget.cli.common import command, say
+from physretarget.cli.common import Given, command, say
 from physretarget.demo import models_folder
 from physretarget.errors import InputError, UsageError
 from physretarget.mjcf import Character
-from physretarget.stream import LONGEST_DELAY, Posed, Streamer
+from physretarget.options import STREAM, build
+from physretarget.options.motion import Resampling
+from physretarget.options.retargeting import StreamOptions, StreamSource
+from physretarget.stream import Posed, Streamer
 from physretarget.trained import TrainedMapper
 
 Array = NDArray[np.float64]
@@ -33,58 +35,26 @@ Array = NDArray[np.float64]
 @command(
     app,
     "stream",
+    STREAM,
     example="physretarget stream --mapper lamp.npz --capture walk.bvh > poses.jsonl",
 )
-def stream_command(
-    mapper: Annotated[
-        Path, typer.Option("--mapper", metavar="MAPPER.npz", help="Written by learn.")
-    ],
-    character: Annotated[
-        Path | None,
-        typer.Option(
-            "--character",
-            metavar="MODEL.xml",
-            help="Its MJCF file, unless it came with the package.",
-        ),
-    ] = None,
-    listen: Annotated[
-        str | None,
-        typer.Option("--listen", metavar="HOST:PORT", help="Serve a TCP socket, not stdin."),
-    ] = None,
-    captured: Annotated[
-        Path | None, typer.Option("--capture", help="Play this capture instead of stdin.")
-    ] = None,
-    fps: Annotated[
-        float | None, typer.Option("--fps", help="Play --capture at this rate, not at its own.")
-    ] = None,
-    delay: Annotated[
-        float,
-        typer.Option(
-            "--delay",
-            metavar="SECONDS",
-            help="Poses come so much later than their frames, and nearer to retarget's; "
-            f"at most {LONGEST_DELAY:g}.",
-        ),
-    ] = 0.0,
-) -> None:
+def stream_command(given: Given) -> None:
     """Retarget frame by frame: JSON lines in, JSON lines out.
 
     Reads stdin unless told otherwise; docs/stream.md has the format of a line.
     """
-    if listen and captured:
+    source, delay = build(StreamSource, given), build(StreamOptions, given).delay
+    if source.listen and source.capture:
         raise UsageError("--listen and --capture are both given; one of them is allowed.")
-    if not 0 <= delay <= LONGEST_DELAY:
-        raise UsageError(
-            f"--delay is {delay:g} s; it must lie between 0 and {LONGEST_DELAY:g} s: looking "
-            "farther ahead than a few steps brings poses no nearer to retarget's, only later."
-        )
-    model = Character.load(character) if character else _shipped(mapper)
+    mapper = source.mapper
+    model = Character.load(source.character) if source.character else _shipped(mapper)
     trained = TrainedMapper.load(mapper, model)
     with _calm():
-        if listen:
-            _serve(trained, listen, delay)
-        elif captured:
-            _report(_run(trained, _played(captured, fps), sys.stdout, delay))
+        if source.listen:
+            _serve(trained, source.listen, delay)
+        elif source.capture:
+            rate = build(Resampling, given).resample
+            _report(_run(trained, _played(source.capture, rate), sys.stdout, delay))
         else:
             _report(_run(trained, sys.stdin, sys.stdout, delay))
 
@@ -191,8 +161,6 @@ def answer(posed: Posed, streamer: Streamer, seconds: float) -> str:
 def _played(path: Path, fps: float | None) -> Iterator[str]:
     motion = capture.load(path)
     if fps is not None:
-        if not 1 <= fps <= 1000:
-            raise UsageError(f"--fps is {fps:g}; it must lie between 1 and 1000.")
         motion = motion.resampled(fps)
     motion = motion.on(ActorShape.reference())
     for time, qpos in zip(motion.time[motion.valid], motion.qpos[motion.valid], strict=True):

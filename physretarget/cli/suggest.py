@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from physretarget import capture
 from physretarget.capture.actor import ActorMotion, ActorShape
-from physretarget.cli.common import command, complete, one_of, progress, say
+from physretarget.cli.common import Given, command, progress, say
 from physretarget.cli.keyposes import group
 from physretarget.errors import InputError, UsageError
 from physretarget.features import INVERTED_COSINE, features
@@ -30,11 +30,13 @@ from physretarget.keyposes import (
 from physretarget.keyposes.propose import planted_points
 from physretarget.keyposes.suggest import MOST_FRAMES, Suggestion, suggest
 from physretarget.mjcf import Character
+from physretarget.options import PROPOSE, SUGGEST, build
+from physretarget.options.motion import CAPTURES
+from physretarget.options.posing import ProposeOptions, SuggestOptions
 from physretarget.report.words import count as counted
 from physretarget.trained import check_mobile
 
 Array = NDArray[np.float64]
-FORMATS = ("text", "json")
 LICENSE = "unknown: write here under which terms the captures may be used"
 
 
@@ -48,97 +50,61 @@ class _Candidates:
     y: Array
 
 
-CAPTURE = "BVH, C3D, TRC, AMC or DeepMimic."
-Captures = Annotated[list[Path], typer.Argument(metavar="CAPTURE...", help=CAPTURE)]
-CharacterOption = Annotated[
-    Path, typer.Option("--character", metavar="MODEL.xml", help="The character's MJCF file.")
-]
-Out = Annotated[
-    Path | None,
-    typer.Option("--out", help="Key pose file with a start pose of each.", metavar="NEW.toml"),
-]
-Sheet = Annotated[
-    Path | None, typer.Option("--sheet", help="Picture of the start poses.", metavar="SHEET.png")
-]
-
-
 @command(
     group,
     "suggest",
+    SUGGEST,
     example="physretarget keyposes suggest walk.bvh jump.bvh --character lamp.xml "
     "--keyposes lamp.keyposes.toml --count 5 --out next.toml",
 )
 def suggest_command(
-    captures: Captures,
-    character: CharacterOption,
-    keyposes: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--keyposes",
-            help="Key pose file with what is posed already; may be given several times.",
-            metavar="FILE",
-        ),
-    ] = None,
-    count: Annotated[int, typer.Option("--count", min=1, help="How many frames.")] = 10,
-    fps: Annotated[
-        float, typer.Option("--fps", help="Frames per second of capture to choose from.")
-    ] = 10.0,
-    format: Annotated[
-        str, typer.Option("--format", help="Of the list on stdout.", **complete(FORMATS))
-    ] = "text",
-    out: Out = None,
-    sheet: Sheet = None,
+    captures: Annotated[list[Path], typer.Argument(metavar="CAPTURE...", help=f"{CAPTURES}.")],
+    given: Given,
 ) -> None:
     """Say which frames to pose next, best first, and why."""
-    one_of(format, FORMATS, "--format")
-    if not 1 <= fps <= 240:
-        raise UsageError(f"--fps is {fps:g}; it must lie between 1 and 240.")
-    model = Character.load(character)
+    told = build(SuggestOptions, given)
+    model = Character.load(given["character"])
     check_mobile(model)
-    posed = load_keyposes(keyposes, model) if keyposes else None
+    posed = load_keyposes(told.keyposes, model) if told.keyposes else None
     with progress("reading"):
-        candidates = _candidates(captures, fps)
+        candidates = _candidates(captures, told.resample)
         known = _posed_features(posed)
-        found = suggest(candidates.y, known, count=count)
+        found = suggest(candidates.y, known, count=told.count)
     rows = _rows(candidates, found, posed)
-    if format == "json":
+    if told.format == "json":
         typer.echo(json.dumps(rows, indent=1))
     else:
         _table(rows)
-    if len(found) < count:
+    if len(found) < told.count:
         say(f"{len(found)} frames: no other is unlike these and what is posed.")
     places = [
         (candidates.motions[candidates.motion[s.index]], _frame(candidates, s)) for s in found
     ]
-    _write(model, places, [str(row["reason"]) for row in rows], out, sheet)
+    _write(model, places, [str(row["reason"]) for row in rows], told.out, told.sheet)
 
 
 @command(
     group,
     "propose",
+    PROPOSE,
     example="physretarget keyposes propose walk.bvh --time 1.5 --character lamp.xml --out new.toml",
 )
 def propose_command(
-    captured: Annotated[Path, typer.Argument(metavar="CAPTURE", help=CAPTURE)],
-    character: CharacterOption,
-    out: Annotated[Path, typer.Option("--out", metavar="NEW.toml", help="Key pose file to write.")],
-    time: Annotated[
-        list[float],
-        typer.Option("--time", help="Seconds of the capture; may be given several times."),
-    ],
-    sheet: Sheet = None,
+    captured: Annotated[Path, typer.Argument(metavar="CAPTURE", help=f"{CAPTURES}.")],
+    given: Given,
 ) -> None:
     """Make start poses for frames of your choice."""
-    model = Character.load(character)
+    told = build(ProposeOptions, given)
+    model = Character.load(given["character"])
     check_mobile(model)
     motion = capture.load(captured)
-    for each in time:
+    for each in told.time:
         if not 0 <= each <= motion.time[-1] + 1e-9:
             raise UsageError(
                 f"--time is {each:g}; {captured.name} has 0 to {motion.time[-1]:.3f} s."
             )
-    places = [(motion, int(np.argmin(np.abs(motion.time - each)))) for each in time]
-    _write(model, places, ["chosen by hand"] * len(places), out, sheet)
+    places = [(motion, int(np.argmin(np.abs(motion.time - each)))) for each in told.time]
+    _write(model, places, ["chosen by hand"] * len(places), told.out, told.sheet)
 
 
 def _candidates(captures: list[Path], fps: float) -> _Candidates:

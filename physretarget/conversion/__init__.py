@@ -11,6 +11,7 @@ from physretarget.conversion.plain import csv_text, npy_bytes
 from physretarget.errors import UsageError
 from physretarget.files import write_file
 from physretarget.mjcf import Character
+from physretarget.options.motion import JointOrder
 
 __all__ = ["FORMATS", "convert", "encode"]
 
@@ -31,13 +32,16 @@ def convert(
     character: Character | None = None,
     fps: float | None = None,
     quat: str | None = None,
+    joint_order: JointOrder | None = None,
+    unit: str | None = None,
     to_quat: str = "xyzw",
     header: bool = False,
 ) -> Clip:
     """Read a clip in any format that is read, write it in the format that ``target`` ends in.
 
     Args:
-        source: see :func:`physretarget.clip.load_clip`; ``fps`` and ``quat`` are what it may need.
+        source: see :func:`physretarget.clip.load_clip`; ``fps``, ``quat``, ``joint_order``
+            and ``unit`` are what it may need.
         target: ends in one of :data:`FORMATS`.
         character: the clip's model; bvh and glb cannot do without.
         to_quat: quaternion order of a csv (LAFAN1 files have xyzw).
@@ -50,7 +54,9 @@ def convert(
     ending = _ending(target)
     if ending in NEED_A_MODEL and character is None:
         raise UsageError(f"A {ending} file shows the model: give it (--model).")
-    clip = load_clip(source, character=character, fps=fps, quat=quat)
+    clip = load_clip(
+        source, character=character, fps=fps, quat=quat, joint_order=joint_order, unit=unit
+    )
     write_file(target, encode(clip, ending, character, to_quat=to_quat, header=header))
     return clip
 

@@ -13,8 +13,9 @@ from physretarget.face.cuts import cut_discounts
 from physretarget.face.joint import joint_paths
 from physretarget.face.place import Placed, Reached, cut_shares, lengths, near, trace
 from physretarget.face.refine import Model, refine
-from physretarget.face.screen import Method, ScreenSettings, Windows, lay, window_costs
+from physretarget.face.screen import ScreenSettings, Windows, lay, window_costs
 from physretarget.face.templates import Bank, Offer
+from physretarget.options.facial import Method
 
 Array = NDArray[np.float64]
 _BLOCK = 3_000_000  # residuals held at once

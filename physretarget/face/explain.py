@@ -12,7 +12,6 @@ from physretarget.face.curve import Curve
 from physretarget.face.library import Library
 from physretarget.face.place import Placed
 from physretarget.face.screen import (
-    Method,
     ScreenSettings,
     Windows,
     aligned_costs,
@@ -21,6 +20,7 @@ from physretarget.face.screen import (
     window_costs,
 )
 from physretarget.face.templates import Bank, Template
+from physretarget.options.facial import Method
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from physretarget.face.cover import Covered, CoverSettings, Job, cover, unit_price
 from physretarget.face.place import Placed, lengths
 from physretarget.face.screen import (
-    Method,
     ScreenSettings,
     Windows,
     aligned_costs,
@@ -19,6 +18,7 @@ from physretarget.face.screen import (
     window_costs,
 )
 from physretarget.face.templates import Bank
+from physretarget.options.facial import Method
 
 
 def greedy_cover(

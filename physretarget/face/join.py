@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from physretarget.face.curve import Key
 from physretarget.face.hmm import align
 from physretarget.face.place import Placed
-from physretarget.face.screen import Method
 from physretarget.face.templates import Bank, sample
 from physretarget.face.warp import Draft
+from physretarget.options.facial import Method
 
 Array = NDArray[np.float64]
 _NODES = 24

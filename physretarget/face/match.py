@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -19,19 +18,19 @@ from physretarget.face.library import Library
 from physretarget.face.noise import measure_noise, reliability, smoothed
 from physretarget.face.place import Placed
 from physretarget.face.rig import Rig, RigChannel
-from physretarget.face.screen import METHODS, Method, ScreenSettings
+from physretarget.face.screen import ScreenSettings
 from physretarget.face.shot import Shot, Take
 from physretarget.face.templates import Bank, make_bank
 from physretarget.face.warp import fit, within_range
+from physretarget.options.facial import MatchOptions
 
 Array = NDArray[np.float64]
 Banks = dict[tuple[str, ...], Bank]
 STRETCHES = ("uniform", "middle")
-PLACEMENTS = ("optimal", "greedy", "joint")
 
 
 @dataclass(frozen=True, kw_only=True)
-class MatchSettings:
+class MatchSettings(MatchOptions):
     """The animator's two sliders and what else can be chosen.
 
     fidelity: misfit, as a fraction of what the channel moves, that is worth one unit of price: low
@@ -45,13 +44,8 @@ class MatchSettings:
     lips: match them too. least_confidence: pieces below it are flagged as doubtful.
     """
 
-    method: Method = "distance"
-    fidelity: float = 0.01
-    key_cost: float = 12.0
-    placement: str = "optimal"
     phrases: bool = False
     stretch: str = "uniform"
-    lips: bool = False
     trust: bool = True
     turns: float = 0.25
     rests: float = 0.0
@@ -59,18 +53,9 @@ class MatchSettings:
     screen: ScreenSettings = field(default_factory=ScreenSettings)
 
     def __post_init__(self) -> None:
-        if self.method not in METHODS:
-            raise UsageError(f"method is {self.method!r}; it is one of {', '.join(METHODS)}.")
-        if self.placement not in PLACEMENTS:
-            raise UsageError(
-                f"placement is {self.placement!r}; it is one of {', '.join(PLACEMENTS)}."
-            )
+        super().__post_init__()
         if self.stretch not in STRETCHES:
             raise UsageError(f"stretch is {self.stretch!r}; it is one of {', '.join(STRETCHES)}.")
-        for name in ("fidelity", "key_cost"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise UsageError(f"{name} is {value:g}; it must be above zero.")
 
 
 @dataclass(frozen=True)

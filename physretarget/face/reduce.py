@@ -9,16 +9,15 @@ from __future__ import annotations
 
 import heapq
 from itertools import pairwise
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from physretarget.errors import InputError, UsageError
 from physretarget.face.curve import Curve, Key
+from physretarget.options.facial import Reducer
 
 Array = NDArray[np.float64]
-Reducer = Literal["decimate", "schneider"]
 
 
 def _slopes(values: Array) -> Array:

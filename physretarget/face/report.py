@@ -24,9 +24,10 @@ from physretarget.face.explain import Piece
 from physretarget.face.library import Library
 from physretarget.face.match import Result
 from physretarget.face.measure import turning_point_timing
-from physretarget.face.reduce import Reducer, reduce_curve
+from physretarget.face.reduce import reduce_curve
 from physretarget.face.rig import Rig
 from physretarget.files import write_file
+from physretarget.options.facial import Reducer
 
 Array = NDArray[np.float64]
 SpanKind = Literal["matched", "fitted", "locked", "reduced"]

@@ -30,11 +30,11 @@ from physretarget.face.recover import Recovery, hold_out, recover, test_files
 from physretarget.face.reduce import reduce_curve
 from physretarget.face.report import REDUCERS
 from physretarget.face.rig import Rig
-from physretarget.face.screen import METHODS
 from physretarget.face.shot import Take
+from physretarget.options.facial import METHODS, Placement
 
 Array = NDArray[np.float64]
-PLACEMENTS = ("greedy", "optimal", "joint")
+PLACEMENTS: tuple[Placement, ...] = ("greedy", "optimal", "joint")
 RATES = (60.0, 30.0)
 VARIANTS: dict[str, dict[str, Any]] = {
     "as shipped": {},

@@ -9,7 +9,6 @@ is what remains after the warp that the output will get, so the measure is of th
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +16,10 @@ from numpy.typing import NDArray
 from physretarget.face import sax
 from physretarget.face.alignment import Feature, Pairs, Slack, aligned, lower_bound
 from physretarget.face.distance import windows
+from physretarget.options.facial import Method
 
 Array = NDArray[np.float64]
 Array32 = NDArray[np.float32]
-Method = Literal["distance", "sax", "hmm"]
-METHODS: tuple[Method, ...] = ("distance", "sax", "hmm")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,7 @@ An option is a field of a settings class::
 
 Its annotation says the type: ``bool``, ``int``, ``float``, ``str``, ``Path``, a ``Literal`` of
 words, or a ``tuple`` of these for several values.
-:class:`~physretarget.options.option.Option` explains all else.
+:class:`~physretarget.options.declaration.Option` explains all else.
 
 **To add an option** to a command, add such a field to one of its settings classes. Which these are
 is said by its :class:`~physretarget.options.schema.Schema`: ``shared`` classes are offered on every
@@ -32,12 +32,41 @@ job carry.
 
 from __future__ import annotations
 
-from physretarget.options.option import Option, build, check, option, options_of, told
-from physretarget.options.schema import LEARN, RETARGET, VALIDATE, Schema, find, read
+from physretarget.options.declaration import Option, build, check, option, options_of, told
+from physretarget.options.schema import (
+    CHECK,
+    CONVERT,
+    LEARN,
+    LIBRARY,
+    MATCH,
+    PROPOSE,
+    REDUCE,
+    REPLAY,
+    RETARGET,
+    SCHEMAS,
+    SHEET,
+    STREAM,
+    SUGGEST,
+    VALIDATE,
+    Schema,
+    find,
+    read,
+)
 
 __all__ = [
+    "CHECK",
+    "CONVERT",
     "LEARN",
+    "LIBRARY",
+    "MATCH",
+    "PROPOSE",
+    "REDUCE",
+    "REPLAY",
     "RETARGET",
+    "SCHEMAS",
+    "SHEET",
+    "STREAM",
+    "SUGGEST",
     "VALIDATE",
     "Option",
     "Schema",

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from physretarget.options.option import check, option
+from physretarget.options.declaration import check, option
 
 Profile = Literal["animation", "robot"]
 Severity = Literal["error", "warning"]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from physretarget.options.option import check, option
+from physretarget.options.declaration import check, option
 
 Quat = Literal["wxyz", "xyzw"]
 JointOrder = Literal["model", "breadth-first"]
@@ -124,3 +124,31 @@ class CharacterFile:
     character: Path = option(
         help="The character's MJCF file.", aliases=("model",), metavar="MODEL.xml"
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConversionOptions:
+    """What is written by a conversion."""
+
+    model: Path | None = option(
+        None,
+        help="The clip's MJCF file; bvh and glb need it.",
+        aliases=("character",),
+        metavar="MODEL.xml",
+    )
+    to_quat: Quat = option("xyzw", help="Quaternion order of OUT, if it is a csv.")
+    header: bool = option(False, help="Begin a csv with names, and give it a time column.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplayOptions:
+    """Where a clip is shown."""
+
+    video: Path | None = option(None, help="Write a film; needs no display.", metavar="F.mp4")
+    html: Path | None = option(None, help="Write one page for any browser.", metavar="F.html")
+    web: bool = option(False, help="Serve the page on this machine.")
+    port: int = option(0, help="Port of --web; 0 takes a free one.", least=0, most=65535)
+    report: Path | None = option(
+        None, help="Findings from this report instead of judging now.", metavar="FILE.json"
+    )
+    speed: float = option(1.0, help="Of window and film; 0.25 is slow motion.", above=0, most=100)

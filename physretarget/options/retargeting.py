@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from physretarget.errors import UsageError
-from physretarget.options.option import check, option
+from physretarget.options.declaration import check, option
 
 MapperName = Literal["sgplvm", "gp", "pca", "nn3", "nn10"]
 Stage = Literal["mapped", "placed", "contacted", "physical", "balanced"]
@@ -154,6 +154,23 @@ class PhasesFile:
 class StreamOptions:
     """Retargeting frame by frame."""
 
+    delay: float = option(
+        0.0,
+        help="Poses come so much later than their frames, and nearer to retarget's; looking "
+        "farther ahead than a few steps brings them no nearer.",
+        unit="s",
+        least=0,
+        most=LONGEST_DELAY,
+    )
+
+    def __post_init__(self) -> None:
+        check(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StreamSource:
+    """Where the mapper and the frames come from."""
+
     mapper: Path = option(help="Written by learn.", metavar="MAPPER.npz")
     character: Path | None = option(
         None,
@@ -162,9 +179,4 @@ class StreamOptions:
         metavar="MODEL.xml",
     )
     listen: str | None = option(None, help="Serve a TCP socket, not stdin.", metavar="HOST:PORT")
-    capture: Path | None = option(None, help="Play this capture instead of stdin.", metavar="PATH")
-    delay: float = option(
-        0.0, help="Poses come so much later than their frames, and nearer to retarget's; looking "
-        "farther ahead than a few steps brings them no nearer.", unit="s", least=0,
-        most=LONGEST_DELAY,
-    )  # fmt: skip
+    capture: Path | None = option(None, help="Play this capture instead of stdin.")

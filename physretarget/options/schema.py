@@ -9,6 +9,17 @@ from functools import cached_property
 from typing import Any
 
 from physretarget.errors import UsageError
+from physretarget.options.declaration import Option, options_of
+from physretarget.options.facial import (
+    CurvesFile,
+    LibraryFiles,
+    LibraryOptions,
+    MatchOptions,
+    MatchReport,
+    RangeOptions,
+    ReductionOptions,
+    RigFile,
+)
 from physretarget.options.judging import (
     ConfigFile,
     JudgingOptions,
@@ -20,9 +31,12 @@ from physretarget.options.motion import (
     CharacterFile,
     ClipModel,
     ClipOptions,
+    ConversionOptions,
+    ReplayOptions,
+    Resampling,
     SkeletonFile,
 )
-from physretarget.options.option import Option, options_of
+from physretarget.options.posing import ProposeOptions, SheetFile, SuggestOptions
 from physretarget.options.retargeting import (
     KeyPoseFiles,
     MapperFile,
@@ -31,6 +45,8 @@ from physretarget.options.retargeting import (
     PhasesFile,
     RetargetOutput,
     RetargetSettings,
+    StreamOptions,
+    StreamSource,
 )
 
 
@@ -115,3 +131,28 @@ RETARGET = Schema(
     shared=(MapperSource, RetargetSettings, CaptureOptions, JudgingOptions),
     here=(RetargetOutput,),
 )
+STREAM = Schema(name="stream", shared=(StreamOptions, Resampling), here=(StreamSource,))
+CONVERT = Schema(name="convert", shared=(ClipOptions,), here=(ConversionOptions,))
+REPLAY = Schema(name="replay", files=(ClipModel,), shared=(ClipOptions,), here=(ReplayOptions,))
+LIBRARY = Schema(name="face library", files=(RigFile,), here=(LibraryOptions,))
+MATCH = Schema(
+    name="face match",
+    files=(LibraryFiles, RigFile),
+    shared=(MatchOptions, RangeOptions, Resampling),
+    here=(CurvesFile, MatchReport),
+)
+REDUCE = Schema(
+    name="face reduce",
+    files=(RigFile,),
+    shared=(ReductionOptions, Resampling),
+    here=(CurvesFile,),
+)
+CHECK = Schema(name="keyposes check", files=(CharacterFile,))
+SHEET = Schema(name="keyposes sheet", files=(CharacterFile,), here=(SheetFile,))
+SUGGEST = Schema(name="keyposes suggest", files=(CharacterFile,), here=(SuggestOptions,))
+PROPOSE = Schema(name="keyposes propose", files=(CharacterFile,), here=(ProposeOptions,))
+
+SCHEMAS = (
+    VALIDATE, LEARN, RETARGET, STREAM, CONVERT, REPLAY, LIBRARY, MATCH, REDUCE, CHECK, SHEET,
+    SUGGEST, PROPOSE,
+)  # fmt: skip

@@ -229,7 +229,7 @@ def test_dimensions_that_key_poses_cannot_fill(refused, tmp_path, good) -> None:
 
 @pytest.mark.parametrize("delay", ["9", "-1", "nan"])
 def test_delays_of_no_use(refused, tmp_path, delay: str) -> None:
-    says = rf"--delay is {delay} s; it must lie between 0 and 5 s"
+    says = rf"--delay is {delay}; it must be a number from 0 to 5 s"
     refused("stream", "--mapper", tmp_path / "m.npz", "--delay", delay, says=says)
 
 

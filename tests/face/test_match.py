@@ -12,8 +12,8 @@ from physretarget.face.library import Library
 from physretarget.face.match import MatchSettings, match
 from physretarget.face.measure import key_f1, pseudo_capture
 from physretarget.face.rig import Rig, RigChannel
-from physretarget.face.screen import METHODS
 from physretarget.face.shot import Shot, Take
+from physretarget.options.facial import METHODS
 
 
 def eased(times, values):
@@ -167,7 +167,7 @@ def test_bad_input_is_said():
         take_of(np.array([0.0]))
     with pytest.raises(UsageError, match="distance, sax, hmm"):
         MatchSettings(method="dtw")  # type: ignore[arg-type]
-    with pytest.raises(UsageError, match="above zero"):
+    with pytest.raises(UsageError, match="above 0"):
         MatchSettings(fidelity=0.0)
     take = take_of(unseen())
     with pytest.raises(InputError, match="no segment"):

@@ -17,9 +17,10 @@ from physretarget.face.library import Library
 from physretarget.face.match import MatchSettings, match
 from physretarget.face.noise import smoothed
 from physretarget.face.rig import Rig
-from physretarget.face.screen import METHODS, ScreenSettings
+from physretarget.face.screen import ScreenSettings
 from physretarget.face.shot import Shot, Take
 from physretarget.face.templates import make_bank
+from physretarget.options.facial import METHODS
 
 FPS = 10.0
 LIBRARY = Library.of(

@@ -96,13 +96,11 @@ class Option:
         """What a value may be, in words that follow "it must be"."""
         if self.choices and self.kind != "table":
             words = ", ".join(self.choices)
-            if len(self.choices) == 1:
-                return words
             if self.or_metres:
                 return f"one of {words}, or metres per unit as a number"
             if self.or_file:
                 return f"one of {words}, or a file that ends in {self.or_file}"
-            return f"one of {words}"
+            return f"one of {words}" if len(self.choices) > 1 else words
         if self.kind == "table":
             last = " or ".join(self.choices) if self.choices else "number"
             return f"CODE{'.NAME' if self.depth == 2 else ''}={last}"

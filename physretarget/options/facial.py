@@ -1,0 +1,114 @@
+"""How facial capture becomes sparse curves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, get_args
+
+from physretarget.options.declaration import check, option
+
+Method = Literal["distance", "sax", "hmm"]
+Placement = Literal["optimal", "greedy", "joint"]
+Reducer = Literal["decimate", "schneider"]
+METHODS: tuple[Method, ...] = get_args(Method)
+LARGEST_ERROR = 0.02  # of what a channel moves
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelOptions:
+    """Which channels are keyed."""
+
+    lips: bool = option(False, help="Key the lips too, which are left to the capture.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class MatchOptions(ChannelOptions):
+    """The animator's two sliders and what else can be chosen."""
+
+    method: Method = option("distance", help="Measure of likeness.")
+    fidelity: float = option(
+        0.01, help="Misfit worth one unit of price, as a share of what a channel moves.", above=0
+    )
+    key_cost: float = option(12.0, help="Price of a key: higher is sparser.", above=0)
+    placement: Placement = option(
+        "optimal",
+        help="The cheapest cover; the paper's, longest first; or one for a group of channels.",
+    )
+
+    def __post_init__(self) -> None:
+        check(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RangeOptions:
+    """Which part of a capture is matched."""
+
+    start: float | None = option(
+        None, help="Of the range.", unit="s", least=0, default_text="the beginning"
+    )
+    end: float | None = option(
+        None, help="Of the range.", unit="s", above=0, default_text="the end"
+    )
+
+    def __post_init__(self) -> None:
+        check(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigFile:
+    """From capture to rig channels."""
+
+    rig: Path | None = option(
+        None, help="From capture to rig channels.", metavar="RIG.toml", default_text="ARKit's"
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class LibraryFiles:
+    """What is matched against, and what stays."""
+
+    library: Path = option(help="Written by face library.", metavar="LIB.npz")
+    locked: Path | None = option(
+        None, help="Keyed curves whose keys stay as they are.", metavar="FILE"
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class CurvesFile:
+    """Where curves go."""
+
+    out: Path = option(help="Curves to write; the ending is the format.", metavar="FILE")
+
+
+@dataclass(frozen=True, kw_only=True)
+class MatchReport:
+    """Where the report of a match goes."""
+
+    report: Path | None = option(None, help="Folder for an HTML report.", metavar="DIR")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReductionOptions(ChannelOptions):
+    """Plain key reduction."""
+
+    how: Reducer = option("decimate", help="Which reduction.")
+    error: float | None = option(
+        None,
+        help="Largest error, as a share of what a channel moves.",
+        above=0,
+        default_text=f"{LARGEST_ERROR:g}, without --keys",
+    )
+    keys: int | None = option(None, help="Keys per channel, instead of --error.", least=2)
+
+    def __post_init__(self) -> None:
+        check(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LibraryOptions:
+    """How a library is collected."""
+
+    out: Path = option(help="The library.", metavar="LIB.npz")
+    min_keys: int = option(4, help="Curves are halved as long as both have so many keys.", least=2)
+    list: bool = option(False, help="Print every shot in it.")

@@ -1,0 +1,58 @@
+"""Key poses: which frames to pose next, and files and pictures of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from physretarget.options.declaration import check, option
+
+
+@dataclass(frozen=True, kw_only=True)
+class SheetFile:
+    """Where the picture of all pairs goes."""
+
+    out: Path = option(help="The picture.", metavar="SHEET.png")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SuggestOptions:
+    """Which frames are worth posing."""
+
+    keyposes: tuple[Path, ...] = option(
+        (),
+        help="Key pose file with what is posed already; may be given several times.",
+        metavar="FILE",
+    )
+    count: int = option(10, help="How many frames.", least=1)
+    resample: float = option(
+        10.0,
+        help="Choose from this many frames per second of capture.",
+        unit="fps",
+        least=1,
+        most=240,
+        aliases=("fps",),
+    )
+    format: Literal["text", "json"] = option("text", help="Of the list on stdout.")
+    out: Path | None = option(
+        None, help="Key pose file with a start pose of each.", metavar="NEW.toml"
+    )
+    sheet: Path | None = option(None, help="Picture of the start poses.", metavar="SHEET.png")
+
+    def __post_init__(self) -> None:
+        check(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProposeOptions:
+    """Start poses for frames of one's own choice."""
+
+    time: tuple[float, ...] = option(
+        help="Of the capture; may be given several times.", unit="s", least=0
+    )
+    out: Path = option(help="Key pose file to write.", metavar="NEW.toml")
+    sheet: Path | None = option(None, help="Picture of the start poses.", metavar="SHEET.png")
+
+    def __post_init__(self) -> None:
+        check(self)
