@@ -11,9 +11,9 @@
     MJCF ── Character.load ──▶ Character ── validate(clip, character) ──▶ Report
 
 The rooms, from the top down: ``cli``, ``demo``, ``report``, ``replay``, ``validation``,
-``pipeline``, the stages (``balance`` over ``momentum``, ``contact``, ``ocp``, ``ik``),
-``keyposes``, ``features``, ``mapping``, ``mjcf``, ``capture`` and ``clip``, ``kinematics``;
-``face`` stands beside them. Each imports only from below.
+``pipeline``, ``kinetics``, the stages (``balance`` over ``momentum``, ``contact``, ``ocp``,
+``ik``), ``keyposes``, ``features``, ``mapping``, ``mjcf``, ``capture`` and ``clip``,
+``kinematics``; ``face`` stands beside them. Each imports only from below.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from physretarget.clip import Clip, load_clip
     from physretarget.conversion import convert
     from physretarget.keyposes import KeyPose, KeyPoseSet, load_keyposes
+    from physretarget.kinetics import GroundForces, forces
     from physretarget.mjcf import Character
     from physretarget.pipeline import Retargeted, RetargetSettings, retarget
     from physretarget.trained import TrainedMapper, learn
@@ -42,6 +43,7 @@ _WHERE = {
     "Character": ("mjcf", "Character"),
     "Clip": ("clip", "Clip"),
     "Finding": ("validation", "Finding"),
+    "GroundForces": ("kinetics", "GroundForces"),
     "KeyPose": ("keyposes", "KeyPose"),
     "KeyPoseSet": ("keyposes", "KeyPoseSet"),
     "Measure": ("validation", "Measure"),
@@ -51,6 +53,7 @@ _WHERE = {
     "Settings": ("validation", "Settings"),
     "TrainedMapper": ("trained", "TrainedMapper"),
     "convert": ("conversion", "convert"),
+    "forces": ("kinetics", "forces"),
     "learn": ("trained", "learn"),
     "load_capture": ("capture", "load"),
     "load_clip": ("clip", "load_clip"),
@@ -64,6 +67,7 @@ __all__ = [
     "Character",
     "Clip",
     "Finding",
+    "GroundForces",
     "KeyPose",
     "KeyPoseSet",
     "Measure",
@@ -74,6 +78,7 @@ __all__ = [
     "TrainedMapper",
     "__version__",
     "convert",
+    "forces",
     "learn",
     "load_capture",
     "load_clip",

@@ -15,8 +15,8 @@ ROOT = Path(__file__).resolve().parents[1]
 PUBLIC = {
     "physretarget": [
         "__version__", "ActorMotion", "Character", "Clip", "Report", "RetargetSettings",
-        "Retargeted", "Settings", "TrainedMapper", "convert", "learn", "load_capture", "load_clip",
-        "load_keyposes", "retarget", "validate",
+        "Retargeted", "Settings", "TrainedMapper", "convert", "forces", "learn", "load_capture",
+        "load_clip", "load_keyposes", "retarget", "validate",
     ],
     "physretarget.errors": [
         "PhysretargetError", "InputError", "UnsafeInputError", "UsageError", "MissingExtraError",
@@ -30,6 +30,7 @@ PUBLIC = {
     "physretarget.mjcf": ["Character", "actor_character", "derivatives", "required_wrench"],
     "physretarget.features": ["features", "local_frame"],
     "physretarget.keyposes": ["load_keyposes", "check", "sheet", "training_pairs"],
+    "physretarget.kinetics": ["forces", "GroundForces", "FootForce", "ground_wrench"],
     "physretarget.mapping": ["fit", "from_arrays", "NAMES", "Mapper", "Mapped"],
     "physretarget.trained": ["TrainedMapper", "learn"],
     "physretarget.ik": ["solve"],

@@ -1,8 +1,9 @@
-"""Ground reaction forces from OpenSim's ``.mot`` and ``.sto`` tables."""
+"""Ground reaction forces in OpenSim's ``.mot`` and ``.sto`` tables."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +13,8 @@ from physretarget.capture.marker_file import read_bytes
 from physretarget.capture.recording import Floats
 from physretarget.capture.skeleton import to_world
 from physretarget.capture.text import decoded, plain_numbers
-from physretarget.errors import InputError
+from physretarget.errors import InputError, UsageError
+from physretarget.files import write_file
 
 # "ground_force_1_vx", "1_ground_force_px", "ground_force_r_vz", "ground_torque_x", "ground_1_mx"
 _COLUMN = re.compile(
@@ -120,3 +122,43 @@ def _table(lines: list[str], first: int, width: int, path: str | Path) -> Floats
     if not rows:
         raise InputError("the table has no rows", path=path, line=len(lines))
     return np.array(rows)
+
+
+_KINDS = (
+    ("ground_force_{}_v", "force"),
+    ("ground_force_{}_p", "point"),
+    ("ground_torque_{}_", "torque"),
+)
+
+
+def write_forces(forces: Sequence[GroundForce], path: str | Path) -> None:
+    """Write ground forces on one clock as OpenSim's ``.mot``, or as ``.csv`` with its columns.
+
+    The axes are OpenSim's, y up; :func:`read_mot` reads them back. Numbers have 6 decimals.
+
+    Raises:
+        UsageError: the name ends in neither ``.mot`` nor ``.csv``, or clocks differ.
+        InputError: the file cannot be written.
+    """
+    ending = Path(path).suffix.lower()
+    if ending not in (".mot", ".csv"):
+        raise UsageError(f"forces are written as .mot or .csv, not as {ending or 'no ending'!r}")
+    time = forces[0].time
+    if any(len(force.time) != len(time) or (force.time != time).any() for force in forces):
+        raise UsageError("forces in one file need one clock")
+    turn = to_world("y")
+    names, columns = ["time"], [time[:, None]]
+    for force in forces:
+        for kind, field in _KINDS:
+            names += [kind.format(force.name) + axis for axis in "xyz"]
+            columns.append(getattr(force, field) @ turn)  # the inverse of a rotation
+    table = np.concatenate(columns, axis=1)
+    separator = "\t" if ending == ".mot" else ","
+    lines = [separator.join(names)]
+    lines += [separator.join(f"{value + 0.0:.6f}" for value in row) for row in table]
+    if ending == ".mot":
+        lines[:0] = [
+            Path(path).name, "version=1", f"nRows={len(table)}", f"nColumns={len(names)}",
+            "inDegrees=yes", "endheader",
+        ]  # fmt: skip
+    write_file(path, ("\n".join(lines) + "\n").encode("utf-8"))

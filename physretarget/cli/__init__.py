@@ -27,6 +27,7 @@ COMMANDS = {
     "rules": ("validate", "Explain the rules: meaning, threshold, source."),
     "inspect": ("validate", "Audit a character: mass, inertia, geometry, limits."),
     "replay": ("replay", "Play a clip with its forces: a window, a film or a page."),
+    "forces": ("forces", "Ground forces of a capture, per foot, without plates."),
     "convert": ("convert", "Convert a clip between file formats."),
     "suite": ("suite", "Judge a whole library every night, and say what changed."),
     "serve": ("serve", "Judge and retarget over HTTP, with a web page."),

@@ -12,6 +12,7 @@ from physretarget.groundtruth.compare import Agreement, Comparison, compare, wit
 from physretarget.groundtruth.contacts import ContactTiming, contact_timing
 from physretarget.groundtruth.coverage import Coverage, coverage, loaded_feet
 from physretarget.groundtruth.explain import Unexplained, by_fitted_forces, by_measured_forces
+from physretarget.groundtruth.feet import FootAgreement, foot_agreement
 from physretarget.groundtruth.trial import (
     Trial,
     load_plate_trial,
@@ -25,6 +26,7 @@ __all__ = [
     "Comparison",
     "ContactTiming",
     "Coverage",
+    "FootAgreement",
     "Trial",
     "Unexplained",
     "by_fitted_forces",
@@ -32,6 +34,7 @@ __all__ = [
     "compare",
     "contact_timing",
     "coverage",
+    "foot_agreement",
     "load_plate_trial",
     "load_trial",
     "load_trials",

@@ -11,7 +11,8 @@ from physretarget.errors import InputError
 from physretarget.groundtruth.coverage import Coverage, coverage
 from physretarget.groundtruth.trial import GRAVITY, Bools, Floats, Trial
 from physretarget.kinematics import forward
-from physretarget.mjcf import derivatives, lowpass, momentum, required_wrench
+from physretarget.kinetics import ground_wrench
+from physretarget.mjcf import derivatives, lowpass, momentum
 
 _LONGEST_DELAY = 0.05  # s
 _FLAT = 0.02  # BW: a measured force that varies less has no shape to correlate with
@@ -62,9 +63,9 @@ def compare(trial: Trial, covered: Coverage, *, hz: float) -> Comparison:
     """Predict the total ground force at a low-pass of ``hz`` and compare it, component-wise."""
     motion, character = trial.motion, trial.character
     qpos = lowpass(character, motion.qpos, motion.fps, hz)
-    qvel, qacc = derivatives(character, qpos, motion.time)
-    turn = _heading(trial, covered.judged) / trial.weight
-    predicted = required_wrench(character, qpos, qvel, qacc).force @ turn.T
+    qvel, _ = derivatives(character, qpos, motion.time)
+    turn = heading(trial, covered.judged) / trial.weight
+    predicted = ground_wrench(motion, hz=hz, character=character).force @ turn.T
     measured = trial.measured(hz)[0] @ turn.T
     raw = trial.measured(None)[0] @ turn.T
     speed = momentum(character, qpos, qvel).linear[:, 2] / character.mass
@@ -102,7 +103,7 @@ def with_weight_of_impulse(trial: Trial, *, hz: float) -> Trial:
     return replace(trial, weight=weight, motion=replace(trial.motion, shape=shape))
 
 
-def _heading(trial: Trial, frames: Bools) -> Floats:
+def heading(trial: Trial, frames: Bools) -> Floats:
     """Rows: forward, left, up; forward is where the pelvis faces on average."""
     chosen = frames if frames.any() else np.ones_like(frames)
     pose = forward(trial.motion.shape.tree(), trial.motion.qpos[chosen])

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import binary_erosion
 
 from physretarget import kinematics
+from physretarget.capture.mot import GroundForce
 from physretarget.contact import detect_phases
 from physretarget.contact.phases import runs
 from physretarget.groundtruth.trial import Bools, Floats, Trial
@@ -62,9 +64,16 @@ def loaded_feet(trial: Trial) -> Bools:
     Columns of a force file are plates or feet, in no fixed order: each stretch of load goes to
     the foot that is nearest to its centre of pressure.
     """
+    loaded = np.zeros((len(trial.motion.time), 2), dtype=bool)
+    for _, foot, frames in loads(trial):
+        loaded[frames, foot] = True
+    return loaded
+
+
+def loads(trial: Trial) -> Iterator[tuple[GroundForce, int, slice]]:
+    """Every stretch of load: the plate's force, the foot that it bears, the motion's frames."""
     time = trial.motion.time
     feet = _foot_points(trial)[..., :2].mean(axis=2)
-    loaded = np.zeros((len(time), 2), dtype=bool)
     for force in trial.forces:
         vertical = np.interp(time, force.time, force.force[:, 2])
         pressed = (vertical > LOADED) & trial.known
@@ -73,9 +82,7 @@ def loaded_feet(trial: Trial) -> Bools:
             frames = slice(first, last + 1)
             # Where load is small its centre is noise: weigh by the load.
             away = np.linalg.norm(feet[frames] - point[frames, None], axis=2)
-            nearest = int(np.argmin(vertical[frames] @ away))
-            loaded[frames, nearest] = True
-    return loaded
+            yield force, int(np.argmin(vertical[frames] @ away)), frames
 
 
 def _foot_points(trial: Trial) -> Floats:

@@ -16,7 +16,9 @@ from physretarget.groundtruth.compare import Comparison, compare
 from physretarget.groundtruth.contacts import ContactTiming, contact_timing
 from physretarget.groundtruth.coverage import LOADED, MARGIN, Coverage, coverage
 from physretarget.groundtruth.explain import Unexplained, by_fitted_forces, by_measured_forces
+from physretarget.groundtruth.feet import FootAgreement, foot_agreement
 from physretarget.groundtruth.trial import GRAVITY, Trial
+from physretarget.kinetics import DEFAULT_HZ as FORCES_HZ
 
 DEFAULT_HZ = 6.0
 _FINDINGS = re.compile(r"<!-- findings:[^>]*-->(.*?)<!-- end of findings -->", re.DOTALL)
@@ -33,6 +35,7 @@ class Judged:
     measured: Unexplained
     fitted: Unexplained
     contacts: ContactTiming
+    feet: FootAgreement | None
 
     def at(self, hz: float) -> Comparison:
         """The comparison at one filter."""
@@ -49,6 +52,7 @@ def judge(trial: Trial, *, hz: float = DEFAULT_HZ) -> Judged:
         measured=by_measured_forces(trial, covered, hz=hz),
         fitted=by_fitted_forces(trial, covered, hz=hz),
         contacts=contact_timing(trial, covered),
+        feet=foot_agreement(trial, covered),
     )
 
 
@@ -113,8 +117,8 @@ def render(
     environment.filters["f"] = _number
     environment.filters["ms"] = _milliseconds
     return environment.get_template("page.md.j2").render(
-        judged=judged, others=others, hz=hz, findings=findings,
-        filters=FILTERS, loaded=LOADED, margin=MARGIN,
+        judged=list(judged), others=list(others), hz=hz, findings=findings,
+        filters=FILTERS, forces_hz=FORCES_HZ, loaded=LOADED, margin=MARGIN,
         weight=judged[0].trial.weight, mass=judged[0].trial.weight / GRAVITY,
     )  # fmt: skip
 

@@ -36,6 +36,7 @@ from physretarget.options.declaration import Option, build, check, option, optio
 from physretarget.options.schema import (
     CHECK,
     CONVERT,
+    FORCES,
     LEARN,
     LIBRARY,
     MATCH,
@@ -56,6 +57,7 @@ from physretarget.options.schema import (
 __all__ = [
     "CHECK",
     "CONVERT",
+    "FORCES",
     "LEARN",
     "LIBRARY",
     "MATCH",

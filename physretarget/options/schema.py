@@ -20,6 +20,7 @@ from physretarget.options.facial import (
     ReductionOptions,
     RigFile,
 )
+from physretarget.options.forces import ForcesOptions, ForcesOutput
 from physretarget.options.judging import (
     ConfigFile,
     JudgingOptions,
@@ -131,6 +132,12 @@ RETARGET = Schema(
     shared=(MapperSource, RetargetSettings, CaptureOptions, JudgingOptions),
     here=(RetargetOutput,),
 )
+FORCES = Schema(
+    name="forces",
+    files=(SkeletonFile,),
+    shared=(CaptureOptions, ForcesOptions),
+    here=(ForcesOutput,),
+)
 STREAM = Schema(name="stream", shared=(StreamOptions, Resampling), here=(StreamSource,))
 CONVERT = Schema(name="convert", shared=(ClipOptions,), here=(ConversionOptions,))
 REPLAY = Schema(name="replay", files=(ClipModel,), shared=(ClipOptions,), here=(ReplayOptions,))
@@ -153,6 +160,6 @@ SUGGEST = Schema(name="keyposes suggest", files=(CharacterFile,), here=(SuggestO
 PROPOSE = Schema(name="keyposes propose", files=(CharacterFile,), here=(ProposeOptions,))
 
 SCHEMAS = (
-    VALIDATE, LEARN, RETARGET, STREAM, CONVERT, REPLAY, LIBRARY, MATCH, REDUCE, CHECK, SHEET,
-    SUGGEST, PROPOSE,
+    VALIDATE, LEARN, RETARGET, FORCES, STREAM, CONVERT, REPLAY, LIBRARY, MATCH, REDUCE, CHECK,
+    SHEET, SUGGEST, PROPOSE,
 )  # fmt: skip
