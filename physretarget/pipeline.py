@@ -79,7 +79,7 @@ class Retargeted:
     def warnings(self) -> tuple[str, ...]:
         """Those of the notes that say the clip may be of no use."""
         warning = self.novelty.warning
-        return () if warning is None else (warning,)
+        return (*self.motion.doubts, *(() if warning is None else (warning,)))
 
     def stages(self) -> dict[Stage, Array]:
         """The character's qpos (T, nq) after each stage that ran, in order."""
@@ -311,7 +311,8 @@ def _provenance(
 
     No time of day and no absolute path: same inputs and seed give the same bytes.
     """
-    return {
+    doubts = {"doubts": list(motion.doubts)} if motion.doubts else {}
+    return doubts | {
         "tool": {"name": "physretarget", "version": __version__},
         "inputs": {
             "capture": {"name": motion.source.name, "sha256": motion.source.sha256},

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -14,12 +15,16 @@ from physretarget.capture.actor import ActorMotion
 from physretarget.capture.amc import read_amc
 from physretarget.capture.bvh import read_bvh
 from physretarget.capture.deepmimic import read_deepmimic
+from physretarget.capture.inspection import Inspection, inspect_recording
 from physretarget.capture.joints import fit_joints
+from physretarget.capture.level import floor_plane, turned
+from physretarget.capture.marker_file import markers_of
+from physretarget.capture.moving_floor import find_moving_floor, held_still
 from physretarget.capture.plausible import doubts
 from physretarget.capture.recording import JointRecording, MarkerRecording
 from physretarget.errors import InputError, UsageError
 
-__all__ = ["FORMATS", "detect_format", "load", "read"]
+__all__ = ["FORMATS", "Inspection", "detect_format", "inspect", "load", "read"]
 
 FORMATS = {
     "bvh": "BVH skeleton and motion (.bvh)",
@@ -67,11 +72,19 @@ def read(
     unit: str | None = None,
     up: str | None = None,
     skeleton: str | Path | None = None,
+    subject: str | None = None,
 ) -> JointRecording | MarkerRecording:
     """Read a capture: metres, z up; unit and up axis are guessed, and noted, unless told.
 
-    ``unit`` is m, cm, mm, inch, cmu or metres per unit as a number; ``up`` is x, y, z, -x, -y
-    or -z; ``skeleton`` is the ASF file of an AMC motion. InputError for what cannot be used.
+    Args:
+        path: The capture.
+        unit: m, cm, mm, inch, cmu or metres per unit as a number.
+        up: x, y, z, -x, -y or -z.
+        skeleton: The ASF file of an AMC motion.
+        subject: Whom to take where a file holds several people: a name, or a number from 1.
+
+    Raises:
+        InputError: The file cannot be used, or nobody of that name is in it.
     """
     kind = detect_format(path)
     if Path(path).stat().st_size == 0:
@@ -79,18 +92,46 @@ def read(
     if skeleton is not None and kind != "amc":
         raise UsageError("A skeleton is for AMC motions alone; other captures bring their own.")
     if kind == "bvh":
-        return read_bvh(path, unit=unit, up=up)
+        return read_bvh(path, unit=unit, up=up, subject=subject)
+    if kind in ("trc", "c3d"):
+        return _read_markers(path, kind, unit=unit, up=up, subject=subject)
+    if subject is not None:
+        raise UsageError(f"{kind.upper()} files hold one person; leave the subject out.")
     if kind == "amc":
         return read_amc(path, skeleton=skeleton, unit=unit, up=up)
-    if kind == "deepmimic":
-        return read_deepmimic(path, unit=unit, up=up)
+    return read_deepmimic(path, unit=unit, up=up)
+
+
+def _read_markers(
+    path: str | Path, kind: str, *, unit: str | None, up: str | None, subject: str | None
+) -> MarkerRecording:
     if kind == "trc":
         from physretarget.capture.trc import read_trc
 
-        return read_trc(path, unit=unit, up=up)
-    from physretarget.capture.c3d import read_c3d  # ezc3d is slow to import
+        recording = read_trc(path, unit=unit, up=up)
+    else:
+        from physretarget.capture.c3d import read_c3d  # ezc3d is slow to import
 
-    return read_c3d(path, unit=unit, up=up)
+        recording = read_c3d(path, unit=unit, up=up)
+    return recording if subject is None else markers_of(recording, subject)
+
+
+def inspect(
+    path: str | Path,
+    *,
+    unit: str | None = None,
+    up: str | None = None,
+    skeleton: str | Path | None = None,
+    mass: float | None = None,
+    subject: str | None = None,
+    hold_floor: bool = False,
+) -> Inspection:
+    """Who is which joint or marker of a capture, how well each fits, and what is doubtful.
+
+    Args and Raises as in :func:`load`.
+    """
+    recording = read(path, unit=unit, up=up, skeleton=skeleton, subject=subject)
+    return inspect_recording(*_actor_in(recording, mass, hold_floor=hold_floor))
 
 
 def load(
@@ -102,29 +143,42 @@ def load(
     mass: float | None = None,
     fps: float | None = None,
     max_seconds: float | None = None,
+    subject: str | None = None,
+    hold_floor: bool = False,
+    on_doubt: Literal["note", "fail"] = "note",
 ) -> ActorMotion:
     """Read a capture and fit the actor to it.
 
-    ``mass`` in kg (70 unless told), ``fps`` resamples, ``max_seconds`` keeps the clip's start;
-    for the others see :func:`read`. The motion's ``notes`` say what was guessed or repaired.
+    A floor that is tilted in the file is levelled. The motion's ``notes`` say what was guessed or
+    repaired, and what is doubtful.
+
+    Args:
+        path: The capture.
+        unit: See :func:`read`, as for ``up`` and ``skeleton``.
+        up: The file's up axis.
+        skeleton: The ASF file of an AMC motion.
+        mass: The actor's mass in kg; by default from the height.
+        fps: Frames per second to resample to.
+        max_seconds: How much of the take's start to keep, s.
+        subject: See :func:`read`.
+        hold_floor: Take out the motion of a floor that moves (a treadmill's belt, a drift); by
+            default it is only told.
+        on_doubt: What to do where the motion could not be a human's on a floor: note it, or fail.
+
+    Raises:
+        InputError: The file cannot be used, or is doubtful and ``on_doubt`` says fail.
+        UsageError: A value is out of its range.
     """
     if mass is not None and not 5 <= mass <= 500:
         raise UsageError(f"The mass is {mass:g} kg; it must lie between 5 and 500 kg.")
     if fps is not None and not 1 <= fps <= 1000:
         raise UsageError(f"The frame rate is {fps:g}; it must lie between 1 and 1000 per second.")
-    recording = read(path, unit=unit, up=up, skeleton=skeleton)
-    if isinstance(recording, JointRecording):
-        _refuse_nan(recording)
-        if max_seconds is not None:
-            recording = _start_of_joints(recording, max_seconds)
-        motion = fit_joints(recording, mass=mass)
-    else:
-        from physretarget.capture.markers import fit_markers
-
-        if max_seconds is not None:
-            recording = _start_of_markers(recording, max_seconds)
-        motion = fit_markers(recording, mass=mass)
-    motion = replace(motion, notes=motion.notes + doubts(motion))
+    recording = read(path, unit=unit, up=up, skeleton=skeleton, subject=subject)
+    if max_seconds is not None:
+        recording = _start(recording, max_seconds)
+    _, motion = _actor_in(recording, mass, hold_floor=hold_floor)
+    if motion.doubts and on_doubt == "fail":
+        raise InputError("; ".join(motion.doubts), path=path)
     return motion.resampled(fps) if fps is not None else motion
 
 
@@ -148,16 +202,43 @@ def _kept(time: np.ndarray[tuple[int, ...], np.dtype[np.float64]], seconds: floa
     return max(1, int(np.searchsorted(time, seconds + 1e-9)))
 
 
-def _start_of_joints(recording: JointRecording, seconds: float) -> JointRecording:
-    n = _kept(recording.time, seconds)
-    return replace(
-        recording,
-        time=recording.time[:n],
-        position=recording.position[:n],
-        rotation=recording.rotation[:n],
-    )
+def _actor_in(
+    recording: JointRecording | MarkerRecording, mass: float | None, *, hold_floor: bool
+) -> tuple[JointRecording | MarkerRecording, ActorMotion]:
+    """The recording on a level floor that keeps still as far as asked for, and the actor in it."""
+    if isinstance(recording, JointRecording):
+        _refuse_nan(recording)
+    motion, said = _fit(recording, mass), []
+    plane = floor_plane(motion)
+    if plane is not None and plane.leans:
+        recording = turned(recording, plane.normal)
+        motion = _fit(recording, mass)
+        said.append(
+            f"the floor is tilted by {np.degrees(plane.tilt):.1f} degrees in the file: levelled"
+        )
+    moving = find_moving_floor(motion)
+    if moving is not None and hold_floor:
+        recording = held_still(recording, moving.velocity)
+        motion = _fit(recording, mass)
+        said.append(f"{moving.sentence}: taken out")
+        moving = None
+    found = doubts(motion, plane, moving)
+    return recording, replace(motion, notes=(*motion.notes, *said, *found), doubts=found)
 
 
-def _start_of_markers(recording: MarkerRecording, seconds: float) -> MarkerRecording:
+def _fit(recording: JointRecording | MarkerRecording, mass: float | None) -> ActorMotion:
+    if isinstance(recording, JointRecording):
+        return fit_joints(recording, mass=mass)
+    from physretarget.capture.markers import fit_markers
+
+    return fit_markers(recording, mass=mass)
+
+
+def _start(
+    recording: JointRecording | MarkerRecording, seconds: float
+) -> JointRecording | MarkerRecording:
     n = _kept(recording.time, seconds)
-    return replace(recording, time=recording.time[:n], position=recording.position[:n])
+    cut = replace(recording, time=recording.time[:n], position=recording.position[:n])
+    if isinstance(cut, JointRecording):
+        cut = replace(cut, rotation=cut.rotation[:n])
+    return cut

@@ -200,7 +200,8 @@ class ActorMotion:
     ``qpos`` (T, 75) of ``shape.tree()``; ``valid`` (T,) is False where the capture could not
     support a pose (what stands there is interpolated and must not be trusted);
     ``marker_error_rms`` in metres, None where no markers were fitted; ``notes`` state in one
-    sentence each what was guessed or repaired.
+    sentence each what was guessed or repaired, ``doubts`` are those of them after which the motion
+    is not to be trusted unseen.
     """
 
     shape: ActorShape
@@ -211,6 +212,7 @@ class ActorMotion:
     marker_error_rms: float | None
     source: Source
     notes: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
 
     def on(self, shape: ActorShape) -> ActorMotion:
         """The same motion on another actor.

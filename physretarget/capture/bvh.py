@@ -18,16 +18,29 @@ import numpy as np
 from physretarget.capture.bvh_hierarchy import Hierarchy, parse_hierarchy
 from physretarget.capture.bvh_motion import parse_motion
 from physretarget.capture.recording import Floats, JointRecording, sha256_of
-from physretarget.capture.skeleton import Raw, chain_positions, finish, nice_rate
+from physretarget.capture.skeleton import Raw, chain_positions, finish, nice_rate, one_person
 from physretarget.capture.text import decoded, plain_numbers
 from physretarget.errors import InputError
 
 
-def read_bvh(path: str | Path, *, unit: str | None = None, up: str | None = None) -> JointRecording:
+def read_bvh(
+    path: str | Path,
+    *,
+    unit: str | None = None,
+    up: str | None = None,
+    subject: str | None = None,
+) -> JointRecording:
     """Read a BVH file; unit and up axis are guessed, and the guess noted, unless told.
 
-    Raises InputError with path and line for anything that is not a sound BVH file. A value
-    written as ``nan`` stays NaN.
+    Args:
+        path: The file.
+        unit: The file's length unit, see :func:`physretarget.capture.read`.
+        up: The file's up axis.
+        subject: Whose skeleton to take where the file holds several.
+
+    Raises:
+        InputError: With path and line, for anything that is not a sound BVH file. A value written
+            as ``nan`` stays NaN.
     """
     content = Path(path).read_bytes()
     digest = sha256_of(content)
@@ -46,7 +59,7 @@ def read_bvh(path: str | Path, *, unit: str | None = None, up: str | None = None
         end_sites=hierarchy.end_sites,
         notes=(*remarks, *notes),
     )
-    return finish(raw, unit=unit, up=up)
+    return finish(one_person(raw, subject), unit=unit, up=up)
 
 
 def _parse(content: bytes, path: str | Path) -> tuple[Hierarchy, float, Floats, tuple[str, ...]]:
@@ -95,14 +108,34 @@ def _assemble(tree: Hierarchy, values: Floats) -> tuple[Floats, Floats, tuple[st
     added: list[str] = []
     parents = [joint.parent for joint in tree.joints]
     position, rotation = chain_positions(parents, _local(tree, values, added), len(values))
+    carriers = {j.name for j in tree.joints if j.parent >= 0 and parents[j.parent] < 0}
+    if added and carriers.issuperset(added):
+        # What hangs on the root carries the body: where it goes shows in how the body stands.
+        placed = chain_positions(parents, _local(tree, values, None), len(values))
+        body = [j for j, parent in enumerate(parents) if parent >= 0]
+        if _off_floor(placed[0][:, body]) < _off_floor(position[:, body]):
+            return *placed, ()
     notes: tuple[str, ...] = ()
     if added:
         notes = (f"position channels of {len(added)} joints are added to their OFFSET",)
     return position, rotation, notes
 
 
-def _local(tree: Hierarchy, values: Floats, added: list[str]) -> Iterator[tuple[Floats, Floats]]:
-    """Each joint's place and rotation in its parent's frame; ``added`` collects names."""
+def _off_floor(position: Floats) -> float:
+    """How far from zero the lowest joints (T, J, 3) usually are, along the body's longest way."""
+    axis = int(np.argmax(np.nanmedian(np.ptp(position, axis=1), axis=0)))
+    along = position[..., axis]
+    ends = np.nanmedian(np.nanmin(along, axis=1)), np.nanmedian(np.nanmax(along, axis=1))
+    return float(min(abs(ends[0]), abs(ends[1])))
+
+
+def _local(
+    tree: Hierarchy, values: Floats, added: list[str] | None
+) -> Iterator[tuple[Floats, Floats]]:
+    """Each joint's place and rotation in its parent's frame.
+
+    ``added`` collects the names of joints whose channels mean an addition; None: none does.
+    """
     frames, column = len(values), 0
     for joint in tree.joints:
         offset = np.array(joint.offset)
@@ -118,7 +151,8 @@ def _local(tree: Hierarchy, values: Floats, added: list[str]) -> Iterator[tuple[
             column += 1
         if moves:
             place[:, moves] = values[:, columns]
-            if joint.parent >= 0 and _means_addition(offset[moves], place[:, moves]):
+            adds = joint.parent >= 0 and _means_addition(offset[moves], place[:, moves])
+            if adds and added is not None:
                 place[:, moves] += offset[moves]
                 added.append(joint.name)
         yield place, rotation

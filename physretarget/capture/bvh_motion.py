@@ -83,10 +83,13 @@ def _frame_lines(
         return
     for number in range(start, len(lines)):
         words = lines[number].split()
+        if len(words) < width:  # some writers leave the blank before a minus sign out
+            words = _GLUED.sub(" ", lines[number]).split()
         if words:
             yield number + 1, words
 
 
+_GLUED = re.compile(r"(?<=[0-9.])(?=-[0-9.])")
 _BLOCK = 2000  # rows turned into an array at a time: Python floats take four times the memory
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from physretarget.capture.marker_sets import up_axis, upside_down
+from physretarget.capture.marker_sets import subjects, up_axis, upside_down
 from physretarget.capture.recording import (
     Floats,
     ForcePlate,
@@ -29,6 +30,10 @@ _SPELLINGS = {
 }  # fmt: skip
 # A capture volume's worth of body: marker sets from knees to head are within these metres.
 _BODY = (0.6, 2.6)
+
+# How far from the middle of its frame a marker can be, in the median distance of all: one that
+# does not move at all, and any. Heads and feet are within 4; a second actor may be some metres off.
+_FAR_IF_STILL, _FAR = 8.0, 200.0
 
 # Given the rotation to the world and metres per unit, the plates on the recording's clock.
 Plates = Callable[[Floats, float], tuple[ForcePlate, ...]]
@@ -110,10 +115,66 @@ def finish(
     )
 
 
+def markers_of(recording: MarkerRecording, subject: str) -> MarkerRecording:
+    """The markers of one of the people in a file, by the name before the colon of their labels.
+
+    Raises:
+        InputError: No label carries that name.
+    """
+    owners = [owner.strip(":_- ") for owner in subjects(recording.labels)]
+    people = list(dict.fromkeys(owner for owner in owners if owner))
+    if subject.isdecimal() and subject not in people and 1 <= int(subject) <= len(people):
+        subject = people[int(subject) - 1]
+    keep = [i for i, owner in enumerate(owners) if owner == subject]
+    if not keep:
+        listed = ", ".join(repr(name) for name in people) or "no label has a subject's name"
+        raise InputError(
+            f"there is no subject {subject!r}; in the file: {listed}", path=recording.source.path
+        )
+    return replace(
+        recording,
+        labels=tuple(recording.labels[i] for i in keep),
+        position=recording.position[:, keep],
+        notes=(*recording.notes, f"subject: {subject}"),
+    )
+
+
 def without_gaps(position: Floats) -> Floats:
-    """A copy in which non-finite coordinates and exact zeros (T, M, 3) are NaN throughout."""
+    """A copy in which what stands for a missing marker (T, M, 3) is NaN throughout.
+
+    Missing are non-finite coordinates, exact zeros, and the numbers that writers put where there
+    is no marker (-9999, 1e7): far away from the others and never moving, or with three equal
+    coordinates again and again. Far is measured in the median distance of markers from the
+    middle of their frame, a quarter of a body's height.
+    """
     missing = ~np.isfinite(position).all(axis=-1) | (position == 0).all(axis=-1)
+    known = np.where(missing[..., None], np.nan, position)
+    missing |= _repeated_equal(known)
+    known = np.where(missing[..., None], np.nan, position)
+    shown = ~missing.all(axis=1)
+    if not shown.any():
+        return known
+    seen = known[shown]
+    off = np.abs(seen - np.nanmedian(seen, axis=1, keepdims=True)).max(axis=-1)
+    usual = float(np.nanmedian(off))
+    still = np.zeros(seen.shape[:2], dtype=bool)
+    same = (seen[1:] == seen[:-1]).all(axis=-1)
+    still[1:] |= same
+    still[:-1] |= same
+    with np.errstate(invalid="ignore"):
+        missing[shown] |= (off > _FAR_IF_STILL * usual) & still
+        missing[shown] |= off > _FAR * usual
     return np.where(missing[..., None], np.nan, position)
+
+
+def _repeated_equal(position: Floats) -> NDArray[np.bool_]:
+    """(T, M) triples of one number three times that the file holds in a tenth of a column."""
+    first, second, third = np.moveaxis(position, -1, 0)
+    equal = np.asarray((first == second) & (second == third))
+    values, counts = np.unique(position[equal][:, 0], return_counts=True)
+    often = values[counts >= max(2, 0.1 * len(position))]
+    repeated: NDArray[np.bool_] = equal & np.isin(position[..., 0], often)
+    return repeated
 
 
 def _extent(position: Floats) -> float:

@@ -3,28 +3,31 @@
 Labels are compared without case, separators, subject prefix (``male:``) and the suffix
 ``_study`` of OpenCap's augmenter. Known: the CMU database's 41 markers, Plug-in-Gait, Helen
 Hayes and Cortex names, OpenSim and OpenCap (measured and augmented), Rizzoli/IOR and ISB
-landmarks, Qualisys' and OptiTrack's animation sets, and joints as video sees them (OpenPose,
-COCO, HALPE, MediaPipe, SMPL).
+landmarks, BTS' Davis protocol, Qualisys' and OptiTrack's animation sets, joints as video sees
+them (OpenPose, COCO, HALPE, MediaPipe, SMPL), and the joint centres of skeletons by any name that
+:mod:`physretarget.capture.names` knows (Shadow, Kinect, LAFAN).
 """
 
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from physretarget.capture.actor import PARENTS, SEGMENT, SEGMENTS, ActorShape
+from physretarget.capture.names import recognise_centres
 from physretarget.capture.skeleton import lies_down, upright_axis
 
 Floats = NDArray[np.float64]
 
 KNOWN_SETS = (
-    "CMU/Vicon 41, Plug-in-Gait, Helen Hayes, OpenSim, OpenCap, Rizzoli/IOR, ISB, Qualisys, "
-    "OptiTrack, OpenPose, COCO and MediaPipe key points"
+    "CMU/Vicon 41, Plug-in-Gait, Helen Hayes, Davis, OpenSim, OpenCap, Rizzoli/IOR, ISB, "
+    "Qualisys, OptiTrack, OpenPose, COCO and MediaPipe key points, joint centres named as in BVH"
 )
 _SUBJECT = 8  # so many labels with one beginning may name a person
 BONE, SKIN, CLUSTER = 0.02, 0.04, 0.10  # how far (m) a marker may sit from where it is expected
@@ -70,23 +73,23 @@ _SIDED: dict[str, tuple[str, tuple[float, float, float], float, str]] = {
     "trochanter": ("thigh", (-0.005, 0.170, 0.925), SKIN, "gt ftc gtr troc trochanter grtr grt "
                    "greatertrochanter hip trc"),
     "thigh": ("thigh", (0.01, 0.165, 0.72), CLUSTER, "thi thigh thighwand wand1 thiw tiw thigho "
-              "thighwl thighrear thighside qua"),
+              "thighwl thighrear thighside qua bar1"),
     "thigh_upper": ("thigh", (0.06, 0.14, 0.78), CLUSTER, "th1 thigh1 thi1 thighupper "
                     "thighfronthigh thi4 thigh4 th4 tha thiu tht1 t1u"),
     "thigh_front": ("thigh", (0.08, 0.11, 0.66), CLUSTER, "th2 thigh2 thi2 thighfront thighfrontlow"
                     " th3 thigh3 thi3 thigh5 th5 thigh6 thp thb thc thd tht2 tht3"),
     "knee_lateral": ("thigh", (0.0, 0.142, 0.500), BONE, "kne knee knel kneelat kneelateral le fle "
                      "lfe lfc kneeout lep lknee lek flep kneo klat lkn fcl kneeouter latknee "
-                     "lateralknee lcon lfemepi lfemcondyle kneelatl"),
+                     "lateralknee lcon lfemepi lfemcondyle kneelatl knee1"),
     "knee_medial": ("thigh", (0.0, 0.040, 0.500), BONE, "knm mknee knem kneemed kneemedial me fme "
                     "mfe mfc kneein mep mek kmed medknee mkn fcm kneeinner mkne knmd medialknee "
-                    "mcon mfemepi kni"),
+                    "mcon mfemepi kni knee2"),
     "patella": ("thigh", (0.055, 0.0875, 0.510), SKIN, "pat patella fpa kneefront"),
     "fibula": ("shank", (-0.015, 0.140, 0.455), BONE, "fax hf fib fibula hfb fibhead fh fbh"),
     "tibial_tuberosity": ("shank", (0.050, 0.0875, 0.440), BONE, "ttc tt tub tibialtuberosity tto "
                           "tibtub"),
     "shank": ("shank", (0.02, 0.125, 0.30), CLUSTER, "tib shn shin shank shankwand wand2 tibw "
-              "shankside shinwand shanklat leg tiwl tiba shinfronthigh shinfrontlow"),
+              "shankside shinwand shanklat leg tiwl tiba shinfronthigh shinfrontlow bar2"),
     "shank_upper": ("shank", (0.045, 0.10, 0.38), CLUSTER, "sh1 sk1 shank1 shankupper shankantsup "
                     "tib1 tb1 shinfront shankfront sha1 tia shk1"),
     "shank_lower": ("shank", (0.03, 0.12, 0.25), CLUSTER, "sh2 sh3 sh4 sh5 sk2 sk3 sk4 shank2 "
@@ -94,7 +97,7 @@ _SIDED: dict[str, tuple[str, tuple[float, float, float], float, str]] = {
                     "shk4"),
     "ankle_lateral": ("shank", (-0.005, 0.127, 0.072), BONE, "ank ankle anklelat anklelateral lm "
                       "fal lmal ankleout lank malleoluslat lma lankle latankle ankl lateralankle "
-                      "lateralmalleolus lmalleolus lml"),
+                      "lateralmalleolus lmalleolus lml att"),
     "ankle_medial": ("shank", (0.005, 0.048, 0.080), BONE, "anm mankle anklemed anklemedial mm tam "
                      "mmal anklein mma medankle ankm malleolusmed medial ank2 mank ankmd mmed "
                      "medialankle medialmalleolus mmalleolus mml ani"),
@@ -109,7 +112,7 @@ _SIDED: dict[str, tuple[str, tuple[float, float, float], float, str]] = {
                          "dmt1 forefootin toein 1mt dm1 met1 meta1 1mtp foot1 mhfi fmh footin"),
     "fifth_metatarsal": ("foot", (0.100, 0.135, 0.030), BONE, "mt5 vm fm5 5meta toelat mtp5 mth5 "
                          "dmt5 forefootout toeout 5mt dm5 met5 meta5 5mtp smalltoe foot5 vmh "
-                         "footout mtv"),
+                         "footout mtv met"),
     "fifth_base": ("foot", (0.035, 0.130, 0.030), SKIN, "vmb pmt5 p5mt midfootlat mid mt5b 5base "
                    "fmt"),
     "midfoot": ("foot", (0.070, 0.085, 0.085), SKIN, "midfootsup navicular nav tn instep cun mft "
@@ -118,7 +121,8 @@ _SIDED: dict[str, tuple[str, tuple[float, float, float], float, str]] = {
                 "ppd bt hux tip footindex"),
     # shoulder girdle
     "acromion": ("clavicle", (-0.005, 0.175, 1.475), BONE, "sho shoulder acr acro acromium "
-                 "acromion shouldertop saj ac shld acj sae shou acrm ap shouldtop acromial"),
+                 "acromion shouldertop saj ac shld acj sae shou acrm ap shouldtop acromial "
+                 "should"),
     "shoulder_back": ("clavicle", (-0.080, 0.150, 1.450), CLUSTER, "shoulderback shob bsho sbak "
                       "rearshoulder backsho"),
     "shoulder_front": ("clavicle", (0.050, 0.160, 1.440), CLUSTER, "shoulderfront fsho shof "
@@ -175,6 +179,11 @@ _KEYPOINTS_MID: dict[str, tuple[str, tuple[float, float, float], float, str]] = 
     "midhip_k": ("pelvis", (0.0, 0.0, 0.9275), BONE, "hip chip pelvis root"),
     "neck_k": ("chest", (0.0, 0.0, 1.47), BONE, "neck thorax cshoulder midshoulder"),
 }
+# Further meanings of labels: (landmark, label). The table above holds the first.
+_SECOND_MEANINGS = (
+    ("heel", "hel"), ("heelside", "lhe"), ("ankle", "lm"), ("elblat", "le"), ("elbmed", "me"),
+    ("toe", "tip"), ("kne", "lep1"), ("hand", "fin1"),
+)  # fmt: skip
 # Labels whose side stands inside the word.
 _INFIX = {
     "waistlfront": "lasis", "waistrfront": "rasis", "waistlback": "lpsis", "waistrback": "rpsis",
@@ -204,42 +213,79 @@ def normal_label(label: str) -> str:
 def subjects(labels: Sequence[str]) -> tuple[str, ...]:
     """Whose marker each label is: what stands before a colon, "" where nothing does.
 
-    A name before an underscore, blank or hyphen counts too ("Bob_LASI"), if enough labels carry
-    it and become known by taking it off, but not with it.
+    A beginning before an underscore, blank or hyphen counts too ("Bob_LASI", "A_LASI",
+    "Skeleton 001_LASI"), if enough labels carry it and become known by taking it off, but not
+    with it.
     """
     found = [label.rpartition(":")[0] for label in labels]
     if any(found):
         return tuple(found)
-    first = [re.match(r"([^_ -]{2,})[_ -]+.", label) for label in labels]
-    names = [match[1] if match else "" for match in first]
     table = _tables(keypoints=False)
-    for name in set(names) - {""}:
-        own = [i for i, other in enumerate(names) if other == name]
-        bare = [labels[i][len(name) :] for i in own]
-        gained = sum(normal_label(label) in table for label in bare)
-        known = sum(normal_label(labels[i]) in table for i in own)
-        if len(own) < _SUBJECT or gained < _SUBJECT or known > 0.2 * gained:
-            names = ["" if other == name else other for other in names]
+    counts = Counter(start for label in labels for start in _beginnings(label))
+    names = [""] * len(labels)
+    for name in sorted((n for n, c in counts.items() if c >= _SUBJECT), key=len):
+        own = [i for i, label in enumerate(labels) if name in _beginnings(label)]
+        gained = sum(normal_label(labels[i][len(name) :]) in table for i in own)
+        known = sum(normal_label(labels[i][len(names[i]) :]) in table for i in own)
+        if gained >= _SUBJECT and known <= 0.2 * gained:
+            names = [name if i in own else other for i, other in enumerate(names)]
     return tuple(names)
 
 
+def _beginnings(label: str) -> list[str]:
+    """What a label begins with, up to each of its separators."""
+    return [label[: match.start()] for match in re.finditer(r"(?<=[^_ -])[_ -]+(?=[^_ -])", label)]
+
+
+def _ending(labels: Sequence[str]) -> str:
+    """What nearly all labels end with after a separator ("_pos", " 1"), if it hides their names."""
+    ends = Counter(m[0] for label in labels if (m := re.search(r"[_ .-]+[^_ .-]+$", label)))
+    if not ends:
+        return ""
+    end, count = ends.most_common(1)[0]
+    own = [label for label in labels if label.endswith(end)]
+    table = _tables(keypoints=False) | _tables(keypoints=True)
+    known = sum(normal_label(label) in table for label in own)
+    gained = sum(normal_label(label.removesuffix(end)) in table for label in own)
+    hides = gained >= _SUBJECT and known <= 0.4 * gained
+    return end if count >= 0.8 * len(labels) and hides else ""
+
+
 def recognise(labels: Sequence[str]) -> tuple[Landmark | None, ...]:
-    """The landmark of each label, None where it is not known."""
+    """The landmark of each label, None where it is not known; see :func:`meanings`."""
+    return tuple(marks[0] if marks else None for marks in meanings(labels))
+
+
+def meanings(labels: Sequence[str]) -> tuple[tuple[Landmark, ...], ...]:
+    """The landmarks that each label may stand for, the likeliest first, () where it is not known.
+
+    "HEL" is the heel in one laboratory and the lateral epicondyle of the humerus in another: the
+    names alone cannot tell, positions can.
+    """
     owners = subjects(labels)
     bare = [label.removeprefix(owner) for label, owner in zip(labels, owners, strict=True)]
-    normal = [normal_label(label) for label in bare]
+    end = _ending(bare)
+    normal = [normal_label(label.removesuffix(end)) for label in bare]
+    centres = _joint_centre_landmarks([label.removesuffix(end) for label in bare], normal)
+    if centres is not None:
+        return tuple((mark,) if mark else () for mark in centres)
     keypoints = _are_keypoints(normal)
     augmented = [label.lower().endswith("study") for label in labels]
     if any(augmented):  # video key points beside augmented markers add nothing but noise
         keypoints = False
         normal = [n if a else "" for n, a in zip(normal, augmented, strict=True)]
     table = _tables(keypoints)
-    return tuple(table.get(name) for name in normal)
+    return tuple(table.get(name, ()) for name in normal)
 
 
 def exchanged(landmarks: Sequence[Landmark | None]) -> tuple[Landmark | None, ...]:
     """The same landmarks with left and right exchanged."""
-    names = {mark.name: mark for keypoints in (True, False) for mark in _tables(keypoints).values()}
+    names = {
+        mark.name: mark
+        for keypoints in (True, False)
+        for marks in _tables(keypoints).values()
+        for mark in marks
+    }
     other = {"left": "right", "right": "left"}
     turned = []
     for mark in landmarks:
@@ -248,7 +294,7 @@ def exchanged(landmarks: Sequence[Landmark | None]) -> tuple[Landmark | None, ..
     return tuple(turned)
 
 
-_PELVIC = re.compile(r"(asis?|psis?|ias|ips|sacr|sacrum|vsacral|waist\w*|[fb]wt)[lr]?$")
+_PELVIC = re.compile(r"(asis?|psis?|ias|(?<!h)ips|sacr|sacrum|vsacral|waist\w*|[fb]wt)[lr]?$")
 
 
 def _are_keypoints(normal: Sequence[str]) -> bool:
@@ -260,19 +306,55 @@ def _are_keypoints(normal: Sequence[str]) -> bool:
     return paired and not any(_PELVIC.search(label) for label in normal)
 
 
+# Where the joints of a skeleton are worn (see names.py), by the names of landmarks above.
+_JOINT_CENTRES = {
+    "thigh": "hip_centre_k", "shank": "knee_centre_k", "foot": "ankle_centre_k", "toe": "ball_k",
+    "upper_arm": "shoulder_centre_k", "forearm": "elbow_centre_k", "hand": "wrist_centre_k",
+    "finger": "hand",
+}  # fmt: skip
+_LEGS = {f"{side}_{part}" for side in ("left", "right") for part in ("thigh", "shank", "foot")}
+
+
+def _joint_centre_landmarks(
+    labels: Sequence[str], normal: Sequence[str]
+) -> tuple[Landmark | None, ...] | None:
+    """Landmarks of labels that name a skeleton's joints, None if these are skin markers.
+
+    Both legs must be complete, and nothing may sit on the bones of the pelvis. Names of joints as
+    video systems have them are left to the key points, which know eyes and ears besides.
+    """
+    if _are_keypoints(normal) or any(_PELVIC.search(label) for label in normal):
+        return None
+    roles = recognise_centres(labels)
+    if not roles.keys() >= _LEGS | {"hips"}:
+        return None
+    named = {mark.name: mark for marks in _tables(keypoints=True).values() for mark in marks}
+    found: list[Landmark | None] = [None] * len(labels)
+    for role, index in roles.items():
+        side, _, part = role.partition("_")
+        if part in _JOINT_CENTRES:
+            found[index] = named[f"{side} {_JOINT_CENTRES[part]}"]
+    found[roles["hips"]] = named["midhip_k"]
+    if "neck" in roles:
+        found[roles["neck"]] = named["neck_k"]
+    if "head" in roles:
+        found[roles["head"]] = replace(named["nose"], name="head", local=np.zeros(3), spread=SKIN)
+    return tuple(found)
+
+
 _SIDE_PREFIX = ("l", "left", "r", "right")
 
 
 @lru_cache(maxsize=2)
-def _tables(keypoints: bool) -> dict[str, Landmark]:
+def _tables(keypoints: bool) -> dict[str, tuple[Landmark, ...]]:
     centres = _joint_centres()
-    table: dict[str, Landmark] = {}
+    table: dict[str, tuple[Landmark, ...]] = {}
 
     def enter(keys: Sequence[str], name: str, segment: str, place: Floats, spread: float) -> None:
         index = SEGMENT[segment]
         landmark = Landmark(name, index, place - centres[index], spread)
         for key in keys:
-            table.setdefault(key, landmark)
+            table.setdefault(key, (landmark,))
 
     def enter_sided(name: str, entry: tuple[str, tuple[float, float, float], float, str]) -> None:
         segment, place, spread, text = entry
@@ -293,6 +375,11 @@ def _tables(keypoints: bool) -> dict[str, Landmark]:
         enter_sided(name, entry)
     for key, meaning in _INFIX.items():
         table.setdefault(key, table[meaning])
+    for name, key in _SECOND_MEANINGS:
+        for side, letter in (("left", "l"), ("right", "r")):
+            other = table[f"{letter}{name}"]
+            for word in (f"{letter}{key}", f"{side}{key}"):
+                table[word] = (*table[word], *other)
     # Names with the side at the end ("ASIS_L", "Knee_Left") come last: weakest claim.
     for name, (_, _, _, text) in _SIDED.items():
         for alias in [name.replace("_", ""), *text.split()]:
@@ -316,18 +403,28 @@ def _joint_centres() -> Floats:
 def up_axis(labels: Sequence[str], position: Floats, stated: str | None = None) -> str | None:
     """The axis along which head and shoulders are above the feet; None if that is unclear.
 
-    ``stated`` is what the file says or what its format is used to: a body that lies on that
-    floor is not taken for one that stands on another.
+    Poses decide, so that a header that lies does no harm; clips on all fours or lying down stay
+    undecided, and so does a handstand: an axis points down only where the hands, too, are on the
+    feet's side of the head.
 
-    ``position`` (T, M, 3) in the file's axes. Poses decide, so that a header that lies does
-    no harm; clips on all fours or lying down stay undecided.
+    Args:
+        labels: Marker names.
+        position: (T, M, 3) in the file's axes and unit.
+        stated: What the file says or what its format is used to; a body that lies on that floor
+            is not taken for one that stands on another.
+
+    Returns:
+        "x", "y" or "z", with "-" before it where the axis points down.
     """
     some, way = _feet_to_head(labels, position)
     if not len(way):
         return None
     length = np.linalg.norm(way, axis=1)
     seen = upright_axis(way / length[:, None])
-    if stated is None or seen is None or seen == stated:
+    if seen is None:
+        down = upright_axis(-way / length[:, None])
+        return f"-{down}" if down and _hands_below_head(labels, some, f"-{down}") else None
+    if stated is None or seen == stated:
         return seen
     return None if lies_down(some, stated, seen, float(np.median(length))) else seen
 
@@ -339,6 +436,23 @@ def upside_down(labels: Sequence[str], position: Floats, axis: str) -> bool:
         return False
     along = way[:, "xyz".index(axis[-1])] / np.linalg.norm(way, axis=1)
     return float(np.mean(along)) * (-1 if axis[0] == "-" else 1) < -0.6
+
+
+def _hands_below_head(labels: Sequence[str], some: Floats, axis: str) -> bool:
+    """Whether hands, or forearms, hang below the head along ``axis`` in most frames."""
+    marks = recognise(labels)
+    sign = -1.0 if axis[0] == "-" else 1.0
+    height = sign * some[..., "xyz".index(axis[-1])]
+
+    def on(*parts: str) -> Floats:
+        chosen = [i for i, m in enumerate(marks) if m and SEGMENTS[m.segment].endswith(parts)]
+        known = np.isfinite(height[:, chosen])
+        total = np.where(known, height[:, chosen], 0.0).sum(axis=1)
+        mean: Floats = total / np.where(known.any(axis=1), known.sum(axis=1), np.nan)
+        return mean
+
+    gap = on("head", "chest", "clavicle") - on("hand", "forearm")
+    return bool(np.isfinite(gap).any() and np.nanmean(gap > 0) > 0.6)
 
 
 def _feet_to_head(labels: Sequence[str], position: Floats) -> tuple[Floats, Floats]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from physretarget.capture.actor import SEGMENTS, ActorShape
+from physretarget.capture.actor import PARENTS, SEGMENTS, ActorShape
 from physretarget.capture.marker_model import Floats, Ints, MarkerModel
 from physretarget.capture.marker_sets import (
     CLUSTER,
@@ -12,13 +12,13 @@ from physretarget.capture.marker_sets import (
     SKIN,
     Landmark,
     exchanged,
-    recognise,
+    meanings,
     subjects,
 )
 from physretarget.capture.recording import MarkerRecording
 from physretarget.errors import InputError
 
-__all__ = ["LIMBS", "worn"]
+__all__ = ["LIMBS", "landmarks_of", "worn"]
 
 LIMBS = {
     "trunk": ("pelvis", "chest"),
@@ -77,14 +77,104 @@ def worn(recording: MarkerRecording, fewest: int, notes: list[str]) -> tuple[Mar
     return model, columns
 
 
+def landmarks_of(recording: MarkerRecording) -> tuple[Landmark | None, ...]:
+    """What each label of a recording stands for, None if unknown or of no use."""
+    return _landmarks(recording, [])
+
+
 def _landmarks(recording: MarkerRecording, notes: list[str]) -> tuple[Landmark | None, ...]:
     """What each label stands for, None if unknown or of no use: one subject, each label once."""
-    landmarks = _one_subject(recording.labels, recognise(recording.labels), notes)
+    possible = meanings(recording.labels)
+    landmarks = tuple(marks[0] if marks else None for marks in possible)
+    landmarks = _one_subject(recording.labels, landmarks, notes)
     landmarks = _first_of_each(recording.labels, landmarks, notes)
+    landmarks = _by_distance(recording, landmarks, possible, notes)
     if _walks_backward(landmarks, recording.position):
         landmarks = exchanged(landmarks)
         notes.append("left and right were exchanged: as labelled, the toes point backward")
     return landmarks
+
+
+def _by_distance(
+    recording: MarkerRecording,
+    landmarks: tuple[Landmark | None, ...],
+    possible: tuple[tuple[Landmark, ...], ...],
+    notes: list[str],
+) -> tuple[Landmark | None, ...]:
+    """Landmarks with labels that may mean several put where their distances to others fit.
+
+    The others are those with one meaning, on the same segment or a neighbouring one; the body's
+    size is the median of their distances against the reference actor's.
+    """
+    unsure = [i for i, mark in enumerate(landmarks) if mark and len(possible[i]) > 1]
+    if not unsure:
+        return landmarks
+    some = recording.position[:: max(1, len(recording.position) // 100)]
+    sure = [i for i, mark in enumerate(landmarks) if mark and i not in unsure]
+    size = _size(some, [(i, mark) for i in sure if (mark := landmarks[i])])
+    chosen = list(landmarks)
+    for i in unsure:
+        misses = [_miss(some, i, mark, sure, landmarks, size) for mark in possible[i]]
+        if not np.isfinite(misses).any():
+            continue
+        mark = possible[i][int(np.argmin(misses))]
+        if mark is not landmarks[i]:
+            notes.append(f"{recording.labels[i]} is taken for the {mark.name}: it sits there")
+        chosen[i] = mark
+    return tuple(chosen)
+
+
+def _size(some: Floats, known: list[tuple[int, Landmark]]) -> float:
+    """Height over the reference actor's, by distances on one segment; 1 where none is long."""
+    ratios = []
+    for at, (i, first) in enumerate(known):
+        for j, second in known[:at]:
+            usual = float(np.linalg.norm(first.local - second.local))
+            if first.segment == second.segment and usual > 0.12:
+                ratios.append(_distance(some, i, j) / usual)
+    good = [ratio for ratio in ratios if np.isfinite(ratio)]
+    return float(np.median(good)) if good else 1.0
+
+
+def _miss(
+    some: Floats,
+    label: int,
+    mark: Landmark,
+    sure: list[int],
+    landmarks: tuple[Landmark | None, ...],
+    size: float,
+) -> float:
+    """m by which a label's distances to markers on and next to a segment are off, if it sits there.
+
+    Across a joint the two markers' distances from that joint bound how far apart they can be.
+    """
+    offset = ActorShape.reference().offset
+    off = []
+    for j in sure:
+        other = landmarks[j]
+        if other is None:
+            continue
+        if other.segment == mark.segment:
+            low = high = float(np.linalg.norm(mark.local - other.local))
+        elif PARENTS[other.segment] == mark.segment or PARENTS[mark.segment] == other.segment:
+            child, parent = (
+                (other, mark) if PARENTS[other.segment] == mark.segment else (mark, other)
+            )
+            near = float(np.linalg.norm(child.local))
+            far = float(np.linalg.norm(parent.local - offset[child.segment]))
+            low, high = abs(far - near), far + near
+        else:
+            continue
+        found = _distance(some, label, j)
+        off.append(max(low * size - found, found - high * size, 0.0))
+    return float(np.nanmean(off)) if off else float("inf")
+
+
+def _distance(some: Floats, i: int, j: int) -> float:
+    """m between two markers in the frames that show both, the median; NaN where none does."""
+    apart = np.linalg.norm(some[:, i] - some[:, j], axis=1)
+    apart = apart[np.isfinite(apart)]
+    return float(np.median(apart)) if len(apart) else float("nan")
 
 
 def _walks_backward(landmarks: tuple[Landmark | None, ...], position: Floats) -> bool:

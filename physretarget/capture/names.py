@@ -18,6 +18,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
+from physretarget.capture.languages import in_english
+
 SIDES = ("left", "right")
 
 _SIDE_TOKENS = {
@@ -30,7 +32,7 @@ _SIDE_TOKENS = {
 # Per limb joint: names without side, in order of preference.
 _LIMBS: dict[str, tuple[str, ...]] = {
     "thigh": ("thigh", "upleg", "upperleg", "femur", "thighbend", "legupper", "uplegbend",
-              "upperlegbend", "hip", "legup", "hips", "leg1", "hipjoint"),
+              "upperlegbend", "hip", "legup", "hips", "leg1", "hipjoint", "leg"),
     "shank": ("shank", "shin", "knee", "lowerleg", "lowleg", "tibia", "calf", "leglower",
               "crus", "leglow", "shinbend", "leg2", "leg"),
     "foot": ("ankle", "foot", "feet", "talus", "leg3", "talocrural"),
@@ -89,7 +91,7 @@ class Body:
 
 def split_name(name: str) -> tuple[str | None, tuple[str, ...]]:
     """Side ("left", "right" or None) and the remaining lower-case tokens of a joint's name."""
-    name = re.split(r"[:|]", name)[-1]
+    name = in_english(re.split(r"[:|]", name)[-1])
     spaced = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
     spaced = re.sub(r"([A-Z])([A-Z][a-z])", r"\1 \2", spaced)
     tokens = [token for token in re.split(r"[^a-z0-9]+", spaced.lower()) if token]
@@ -162,10 +164,13 @@ def _limb(
     chain: Sequence[str],
     words: Sequence[list[str]],
     allowed: Sequence[int],
-    parents: Sequence[int],
+    parents: Sequence[int] | None,
     side: str,
 ) -> dict[str, int]:
-    """Assign the joints of one limb so that each lies below the one before it."""
+    """Assign the joints of one limb so that each lies below the one before it.
+
+    Without ``parents`` the names alone decide.
+    """
     best: dict[str, int] = {}
 
     def extend(at: int, chosen: dict[str, int]) -> None:
@@ -178,7 +183,8 @@ def _limb(
         options = [
             j
             for j in _candidates(words, allowed, _LIMBS[chain[at]])
-            if j not in chosen.values() and (last is None or _below(parents, j, last))
+            if j not in chosen.values()
+            and (last is None or parents is None or _below(parents, j, last))
         ]
         for j in options[:4]:
             extend(at + 1, {**chosen, chain[at]: j})
@@ -230,6 +236,29 @@ def recognise(names: Sequence[str], parents: Sequence[int]) -> Body:
         roles |= _completed(arm, ("upper_arm", "forearm", "hand"), parents, side)
     central = [j for j in usable if split[j][0] is None]
     return _trunk(roles, words, central, parents)
+
+
+def recognise_centres(names: Sequence[str]) -> dict[str, int]:
+    """Roles (``role -> index``) of joint centres that come without a hierarchy.
+
+    Some systems export the joints' positions as if they were markers (Shadow, Kinect, Theia).
+    """
+    split = [split_name(name) for name in names]
+    words = [_spellings(tokens) for _, tokens in split]
+    roles: dict[str, int] = {}
+    for side in SIDES:
+        allowed = [j for j in range(len(names)) if split[j][0] == side]
+        for chain in (
+            ("thigh", "shank", "foot", "toe"),
+            ("clavicle", "upper_arm", "forearm", "hand", "finger"),
+        ):
+            roles |= _limb(chain, words, allowed, None, side)
+    central = [j for j in range(len(names)) if split[j][0] is None]
+    for role, aliases in (("hips", (*_HIPS, "spinebase")), ("neck", _NECK), ("head", _HEAD)):
+        found = _candidates(words, central, aliases)
+        if found:
+            roles[role] = found[0]
+    return roles
 
 
 def _acclaim_wrist(

@@ -6,6 +6,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from physretarget.capture.actor import SEGMENT, ActorMotion
+from physretarget.capture.level import Plane
+from physretarget.capture.moving_floor import MovingFloor
 
 _STATURE = (1.2, 2.2)  # m
 _KNEE = np.radians(-20.0)  # knees extend to about -10 degrees (AAOS 1965); the rest is error
@@ -13,10 +15,22 @@ _MISSED = 0.04  # m RMS; good fits of markers miss by 1 to 2 cm, of joints by le
 _SHARE = 0.05  # of the frames
 
 
-def doubts(motion: ActorMotion) -> tuple[str, ...]:
-    """Sentences about statures of nobody, points that no body fits, knees that bend backward, and
-    hips that are nailed to their place."""
+def doubts(
+    motion: ActorMotion, plane: Plane | None = None, moving: MovingFloor | None = None
+) -> tuple[str, ...]:
+    """Sentences about what could not be a human's motion on a floor.
+
+    Statures of nobody, points that no body fits, knees that bend backward, hips that are nailed to
+    their place, a slope (``plane``) on which the body stands upright, a floor that is ``moving``.
+    """
     found = []
+    if plane is not None and not plane.leans:
+        found.append(
+            f"the feet rest on a slope of {np.degrees(plane.tilt):.1f} degrees on which the body "
+            "stands upright: everything after this takes the floor for level"
+        )
+    if moving is not None:
+        found.append(f"{moving.sentence}: --hold-floor takes that out")
     height = motion.shape.height
     if not _STATURE[0] <= height <= _STATURE[1]:
         found.append(

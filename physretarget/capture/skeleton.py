@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from physretarget.capture.names import Body, recognise
+from physretarget.capture.names import Body, ancestors, recognise
 from physretarget.capture.recording import Floats, JointRecording, Source
 from physretarget.errors import InputError, UsageError
 from physretarget.options.motion import CAPTURE_UNITS as UNITS
@@ -245,6 +245,63 @@ def finish(raw: Raw, *, unit: str | None, up: str | None) -> JointRecording:
         end_sites={name: (j, offset * scale) for name, (j, offset) in raw.end_sites.items()},
         notes=tuple(notes),
     )
+
+
+def one_person(raw: Raw, subject: str | None) -> Raw:
+    """The skeleton of one of the people that a file holds, each below a root of its own.
+
+    Args:
+        raw: The file's skeletons.
+        subject: A person's name: what stands before the colon in joint names, or the root's name,
+            or a number from 1. None takes the first, and notes the others.
+
+    Raises:
+        InputError: Nobody of that name is in the file.
+    """
+    roots = [j for j, parent in enumerate(raw.parents) if parent < 0]
+    owner = [ancestors(raw.parents, j)[-1] for j in range(len(raw.names))]
+    people = {root: [j for j, own in enumerate(owner) if own == root] for root in roots}
+    people = {root: own for root, own in people.items() if _has_legs(raw, own)}
+    names = {root: raw.names[root].rpartition(":")[0] or raw.names[root] for root in people}
+    if subject is None and len(people) < 2:
+        return raw
+    if subject is None:
+        chosen = next(iter(people))
+        others = ", ".join(name for root, name in names.items() if root != chosen)
+        note = f"{len(people)} people are in the file: {names[chosen]} was taken, {others} left out"
+    else:
+        found = [
+            root
+            for number, root in enumerate(people, start=1)
+            if subject in (names[root], raw.names[root], str(number))
+        ]
+        if not found:
+            listed = ", ".join(repr(name) for name in names.values()) or "nobody with legs"
+            raise InputError(
+                f"there is no subject {subject!r}; in the file: {listed}", path=raw.path
+            )
+        chosen, note = found[0], f"subject: {names[found[0]]}"
+    keep = people[chosen]
+    place = {old: new for new, old in enumerate(keep)}
+    return replace(
+        raw,
+        names=tuple(raw.names[j] for j in keep),
+        parents=tuple(place.get(raw.parents[j], -1) for j in keep),
+        position=raw.position[:, keep],
+        rotation=raw.rotation[:, keep],
+        end_sites={
+            name: (place[j], offset) for name, (j, offset) in raw.end_sites.items() if j in place
+        },
+        notes=(*raw.notes, note),
+    )
+
+
+def _has_legs(raw: Raw, joints: Sequence[int]) -> bool:
+    place = {old: new for new, old in enumerate(joints)}
+    body = recognise(
+        [raw.names[j] for j in joints], [place.get(raw.parents[j], -1) for j in joints]
+    )
+    return not body.missing(["left_thigh", "left_shank", "right_thigh", "right_shank"])
 
 
 def nice_rate(frame_time: float) -> float:

@@ -25,7 +25,7 @@ COMMANDS = {
     "keyposes": ("suggest", "Check, draw, suggest and propose key poses."),
     "validate": ("validate", "Judge clips, or all clips of a folder, by physics."),
     "rules": ("validate", "Explain the rules: meaning, threshold, source."),
-    "inspect": ("validate", "Audit a character: mass, inertia, geometry, limits."),
+    "inspect": ("inspect", "Audit a character, or show how a capture is read."),
     "replay": ("replay", "Play a clip with its forces: a window, a film or a page."),
     "forces": ("forces", "Ground forces of a capture, per foot, without plates."),
     "convert": ("convert", "Convert a clip between file formats."),

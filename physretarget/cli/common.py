@@ -214,6 +214,13 @@ def say(text: str) -> None:
     messages.print(text, markup=False)
 
 
+def warn(text: str) -> None:
+    """A doubt about the result, even under --quiet."""
+    loud = Console(stderr=True, highlight=False, soft_wrap=True)
+    loud.print("  [bold yellow]doubt[/]:", end=" ")
+    loud.print(text, markup=False)
+
+
 def fail(error: BaseException) -> None:
     """One sentence about what went wrong, even under --quiet."""
     loud = Console(stderr=True, highlight=False, soft_wrap=True)

@@ -15,7 +15,7 @@ import typer
 from physretarget import capture, contact
 from physretarget.capture.actor import ActorMotion
 from physretarget.cli import app
-from physretarget.cli.common import Given, command, fail, progress, say
+from physretarget.cli.common import Given, command, fail, progress, say, warn
 from physretarget.errors import PhysretargetError, UsageError
 from physretarget.keyposes import load_keyposes
 from physretarget.mapping import NAMES
@@ -239,7 +239,10 @@ def _mapper(model: Character, given: Given) -> TrainedMapper:
 
 def _tell(result: Retargeted, target: Path) -> None:
     for note in result.notes:
-        say(f"  {'warning' if note in result.warnings else 'note'}: {note}")
+        if note in result.motion.doubts:
+            warn(note)
+        else:
+            say(f"  {'warning' if note in result.warnings else 'note'}: {note}")
     clip = result.clip
     say(
         f"{target}: {len(clip.time)} frames, {clip.time[-1]:.2f} s, "

@@ -20,7 +20,6 @@ from physretarget.clip import open_clip
 from physretarget.clip.load import CLIP_SUFFIXES
 from physretarget.errors import InputError, PhysretargetError, UsageError
 from physretarget.mjcf import Character
-from physretarget.mjcf.audit import audit
 from physretarget.options import VALIDATE, build
 from physretarget.options.judging import ReportOptions, ValidationOptions
 from physretarget.options.motion import ClipOptions
@@ -202,23 +201,3 @@ def rules_command(
     if rule is None:
         raise UsageError(f"there is no rule {code!r}; there are {', '.join(BY_CODE)}.")
     typer.echo(render_rule(rule))
-
-
-@command(app, "inspect", example="physretarget inspect models/lamp.xml")
-def inspect_command(
-    model: Annotated[Path, typer.Argument(metavar="MODEL.xml", help="Its MJCF file.")],
-) -> None:
-    """Audit a character: mass, inertia, geometry, limits."""
-    character = Character.load(model)
-    typer.echo(
-        f"{character.name}: {character.mass:.3f} kg, {character.height:.3f} m tall, centre of "
-        f"mass at {character.com_height:.3f} m, {len(character.joint_names)} joints, "
-        f"{len(character.contacts)} contact points, {len(character.markers)} markers."
-    )
-    facts = audit(character)
-    for note in character.notes:
-        typer.echo(f"note: {note}")
-    for fact in facts:
-        where = f"{fact.subject} {fact.name}: " if fact.subject != "model" and fact.name else ""
-        typer.echo(f"{fact.key}: {where}{fact.message}")
-    say(f"{count(len(facts), 'remark')}.")

@@ -83,9 +83,31 @@ class CaptureOptions:
         None, help="The actor's mass.", unit="kg", least=5, most=500,
         default_text="from the stature", advanced=True, label="Actor's mass",
     )  # fmt: skip
+    subject: str | None = option(
+        None, help="Whom to take of several people: the name before the colon of labels or joints, "
+        "or a number from 1.", default_text="the first, or the best marked", advanced=True,
+    )  # fmt: skip
+    hold_floor: bool = option(
+        False, help="Take out the motion of a floor that moves: a treadmill's belt, a drift.",
+        advanced=True, label="Hold the floor still",
+    )  # fmt: skip
+    on_doubt: Literal["note", "fail"] = option(
+        "note", help="What to do with a capture that could not be a human's on a floor.",
+        advanced=True, label="On doubt",
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         check(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class InspectionOutput:
+    """How an inspection is shown."""
+
+    format: Literal["text", "json"] = option("text", help="How to write what was found.")
+    picture: Path | None = option(
+        None, help="Draw the capture and the actor fitted to it.", metavar="FILE.png"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

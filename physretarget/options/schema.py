@@ -33,6 +33,7 @@ from physretarget.options.motion import (
     ClipModel,
     ClipOptions,
     ConversionOptions,
+    InspectionOutput,
     ReplayOptions,
     Resampling,
     SkeletonFile,
@@ -138,6 +139,9 @@ FORCES = Schema(
     shared=(CaptureOptions, ForcesOptions),
     here=(ForcesOutput,),
 )
+INSPECT = Schema(
+    name="inspect", files=(SkeletonFile,), shared=(CaptureOptions,), here=(InspectionOutput,)
+)
 STREAM = Schema(name="stream", shared=(StreamOptions, Resampling), here=(StreamSource,))
 CONVERT = Schema(name="convert", shared=(ClipOptions,), here=(ConversionOptions,))
 REPLAY = Schema(name="replay", files=(ClipModel,), shared=(ClipOptions,), here=(ReplayOptions,))
@@ -160,6 +164,6 @@ SUGGEST = Schema(name="keyposes suggest", files=(CharacterFile,), here=(SuggestO
 PROPOSE = Schema(name="keyposes propose", files=(CharacterFile,), here=(ProposeOptions,))
 
 SCHEMAS = (
-    VALIDATE, LEARN, RETARGET, FORCES, STREAM, CONVERT, REPLAY, LIBRARY, MATCH, REDUCE, CHECK,
-    SHEET, SUGGEST, PROPOSE,
+    VALIDATE, LEARN, RETARGET, FORCES, INSPECT, STREAM, CONVERT, REPLAY, LIBRARY, MATCH, REDUCE,
+    CHECK, SHEET, SUGGEST, PROPOSE,
 )  # fmt: skip
