@@ -159,11 +159,21 @@ def test_the_gain_is_that_of_flights_and_one_without():
 def test_a_flight_too_short_to_measure_hardly_counts():
     time = np.arange(200) / 60.0
     airborne = np.zeros(200, dtype=bool)
-    airborne[100:103] = True
+    airborne[99:104] = True
     height = -0.5 * 1.5 * G * (time - time[101]) ** 2
     gain, flights = vertical_gain(height, airborne, time)
     assert flights == 1
-    assert 1.0 < gain < 1.2
+    assert gain == pytest.approx(1.08, abs=0.03)
+
+
+def test_contact_found_a_little_late_does_not_blur_a_flight():
+    time = np.arange(1000) / 500.0
+    phase = time % 0.4
+    acceleration = np.where((phase > 0.25) & (phase < 0.386), -1.1 * G, 30.0)
+    height = np.cumsum(np.cumsum(acceleration)) / 500.0**2
+    gain, flights = vertical_gain(height, phase > 0.25, time)  # the last 14 ms are on the floor
+    assert flights == 4
+    assert gain == pytest.approx(1.1, abs=0.01)
 
 
 def test_impulse_over_whole_hops_is_weight_times_time(hop):

@@ -20,7 +20,8 @@ Bools = NDArray[np.bool_]
 
 GRAVITY = 9.81  # m/s², MuJoCo's and this package's
 
-EDGE = 0.015  # s left out at both ends of a flight: a frame at 60 to 100 Hz, as contacts are found
+_EDGE = 0.015  # s left out at both ends of a flight, and 1.5 frames: as contacts are found
+_EDGE_FRAMES = 1.5
 _NOISE = 5e-4  # m, of a fitted centre of mass about a parabola: 0.2 to 0.5 mm in jumps
 _SCATTER = 0.05  # between the flights of one body, as a share of g: limbs move differently
 _SPREAD = 0.2  # between bodies: the middle of the 14 to 36 % of Le Mouel 2025, either way
@@ -42,14 +43,16 @@ def vertical_gain(height: Floats, airborne: Bools, time: Floats) -> tuple[float,
         The gain: change of predicted vertical force per change of the true one, 1 is perfect;
         and the number of flights that it comes from.
     """
+    if len(time) < 4:
+        return 1.0, 0
+    edge = max(_EDGE, _EDGE_FRAMES * float(time[-1] - time[0]) / (len(time) - 1)) - 1e-6
     accelerations, weights = [], []
     for first, last in runs(airborne):
         if first == 0 or last == len(time) - 1:
             continue  # it may have begun or ended elsewhere than in flight
-        inside = np.flatnonzero(
-            (time > time[first - 1] + EDGE) & (time < time[last + 1] - EDGE) & airborne
-        )
-        inside = inside[(inside >= first) & (inside <= last)]
+        span = time[first : last + 1]
+        clear = (span > time[first - 1] + edge) & (span < time[last + 1] - edge)
+        inside = first + np.flatnonzero(clear)
         if len(inside) < 3:
             continue
         moment = time[inside] - time[inside].mean()
