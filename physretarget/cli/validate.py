@@ -56,7 +56,8 @@ def validate_command(
     Several clips make one document: an array of reports (json), one run (sarif), a suite per clip
     (junit). HTML has a page per clip and needs a folder as --out.
 
-    Exit code 1 if one fails, 2 if one could not be read.
+    A clip passes, fails or is not judged, where the forces of the floor could not be: --require
+    dynamics makes that a failure too. Exit code 1 if one fails, 2 if one could not be read.
     """
     told = build(ReportOptions, given)
     several = len(clips) > 1 or clips[0].is_dir()
@@ -80,7 +81,10 @@ def validate_command(
     output.put(judged, unread)
     if unread:
         raise typer.Exit(2)
-    if any(report.fails(told.fail_on) for report in reports):
+    for report in reports:
+        for what, why in report.unmet(told.require).items():
+            say(f"{report.clip.path}: {what} not judged, {why}.")
+    if any(report.fails(told.fail_on, told.require) for report in reports):
         raise typer.Exit(1)
 
 

@@ -132,10 +132,12 @@ def render(
 
 def _verdict(judged: Sequence[Judged]) -> str:
     reports = [one.report for one in judged]
-    failed = sum(not report.passed for report in reports)
-    told = "failed" if failed else "passed"
+    told: str = reports[0].verdict if reports else "passed"
     if len(reports) > 1:
+        failed = sum(report.verdict == "failed" for report in reports)
+        unjudged = sum(report.verdict == "not judged" for report in reports)
         told = f"{count(len(reports), 'clip')}, {failed or 'none'} failed"
+        told += f", {unjudged} not judged" if unjudged else ""
     return (
         f"{told}, {count(sum(r.errors for r in reports), 'error')}, "
         f"{count(sum(r.warnings for r in reports), 'warning')}."

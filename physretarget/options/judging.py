@@ -11,6 +11,7 @@ from physretarget.options.declaration import check, option
 
 Profile = Literal["animation", "robot"]
 Severity = Literal["error", "warning"]
+Require = Literal["dynamics", "contact", "torques"]
 Format = Literal["text", "json", "sarif", "junit", "markdown", "html"]
 
 
@@ -107,6 +108,9 @@ class ReportOptions:
     accept: Path | None = option(None, help="Write findings as a baseline.", metavar="FILE.json")
     format: Format = option("text", help="Of the report.")
     fail_on: Severity = option("error", help="What makes the exit code 1.")
+    require: tuple[Require, ...] = option(
+        (), help="What must have been judged: the exit code is 1 where it could not be."
+    )
     out: Path | None = option(
         None,
         help="Of several clips: a file for all (all.json), or a folder with a report of each.",

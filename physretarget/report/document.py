@@ -38,11 +38,12 @@ def document_marks(document: Mapping[str, Any]) -> tuple[Mark, ...]:
 def judgement(document: Mapping[str, Any] | None) -> dict[str, Any]:
     """What the template needs of a report, whether or not there is one."""
     if document is None:
-        document = {"summary": None, "findings": [], "coverage": [], "measures": {}}
+        document = {"summary": None, "findings": [], "coverage": [], "measures": {}, "causes": []}
     findings, coverage = document["findings"], document["coverage"]
     return {
         "judged": document["summary"] is not None,
         "summary": document["summary"],
+        "causes": document.get("causes", []),  # of reports before there were any
         "findings": [_finding_row(f) for f in findings[:MAX_ROWS]],
         "findings_hidden": max(len(findings) - MAX_ROWS, 0),
         "coverage": sorted(coverage, key=lambda c: (c["status"] == "checked", c["code"])),

@@ -54,6 +54,11 @@ def _suite(root: Xml.Element, report: Report, fail_on: str) -> None:
         noted = [f for f in mine if f not in failing]
         if noted:
             Xml.SubElement(case, "system-out").text = "\n".join(_line(f) for f in noted)
+    lines = [f"verdict: {report.verdict}"]
+    if report.not_judged is not None:
+        lines.append(f"not judged: {report.not_judged}")
+    lines += [f"probable cause ({c.code}): {c.message}. {c.remedy}." for c in report.causes]
+    Xml.SubElement(suite, "system-out").text = _clean("\n".join(lines))
     suite.set("tests", str(len(report.coverage)))
     suite.set("failures", str(failures))
     suite.set("skipped", str(skipped))

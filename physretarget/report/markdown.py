@@ -8,6 +8,7 @@ from pathlib import PurePath
 from physretarget.report.words import count
 from physretarget.validation.report import Finding, Report
 
+_VERDICT_MARK = {"passed": "✅", "failed": "❌", "not judged": "❔"}
 _MARK = {"error": "❌", "warning": "⚠️"}
 _SHOWN = 20
 _HEADLINES = (
@@ -22,8 +23,10 @@ def render_markdown(reports: Report | Sequence[Report]) -> str:
     many = [reports] if isinstance(reports, Report) else list(reports)
     lines: list[str] = []
     if len(many) > 1:
-        lines += ["| clip | errors | warnings |", "|---|---:|---:|"]
-        lines += [f"| {_cell(r.clip.path)} | {r.errors} | {r.warnings} |" for r in many]
+        lines += ["| clip | verdict | errors | warnings |", "|---|---|---:|---:|"]
+        lines += [
+            f"| {_cell(r.clip.path)} | {r.verdict} | {r.errors} | {r.warnings} |" for r in many
+        ]
         lines.append("")
     for report in many:
         lines += _section(report)
@@ -33,7 +36,7 @@ def render_markdown(reports: Report | Sequence[Report]) -> str:
 def _section(report: Report) -> list[str]:
     used = report.settings
     filtered = "no filter" if used.lowpass_hz is None else f"low-pass {used.lowpass_hz:g} Hz"
-    verdict = "✅ passed" if report.passed else "❌ failed"
+    verdict = f"{_VERDICT_MARK[report.verdict]} {report.verdict}"
     clip, model = PurePath(report.clip.path).name, PurePath(report.model.path).name
     lines = [
         f"### {verdict}: `{clip}` on `{model}`",
@@ -44,6 +47,11 @@ def _section(report: Report) -> list[str]:
         f"{used.contact_tolerance_m * 100:.2g} cm, friction {used.friction:g}",
         "",
     ]
+    if report.not_judged is not None:
+        lines += [f"The forces of the floor were not judged: {report.not_judged}.", ""]
+    if report.causes:
+        lines += [f"**Probable cause** ({c.code}): {c.message}. {c.remedy}." for c in report.causes]
+        lines.append("")
     if report.findings:
         lines += ["| | code | frames | look at | what |", "|---|---|---|---|---|"]
         lines += [_row(f) for f in report.findings[:_SHOWN]]

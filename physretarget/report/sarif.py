@@ -68,7 +68,17 @@ def render_sarif(
 
 
 def _artifact(report: Report) -> dict[str, Any]:
-    location = {"location": {"uri": _uri(report.clip.path)}}
+    location: dict[str, Any] = {
+        "location": {"uri": _uri(report.clip.path)},
+        "properties": {
+            "verdict": report.verdict,
+            "notJudged": report.not_judged or "",
+            "causes": [
+                {"code": c.code, "message": c.message, "remedy": c.remedy, "value": c.value}
+                for c in report.causes
+            ],
+        },
+    }
     if not report.clip.sha256:
         return location
     return {**location, "hashes": {"sha-256": report.clip.sha256}}

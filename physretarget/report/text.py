@@ -13,6 +13,8 @@ from physretarget.report.words import count
 from physretarget.validation.report import Finding, Report
 
 _STYLE = {"error": "bold red", "warning": "yellow"}
+_VERDICT_STYLE = {"passed": "bold green", "failed": "bold red", "not judged": "bold yellow"}
+_PLAUSIBLE = {"passed": "plausible", "failed": "not plausible", "not judged": "not judged"}
 
 
 def render_text(report: Report, *, width: int = 110, color: bool = False, most: int = 5) -> str:
@@ -38,12 +40,20 @@ def render_text(report: Report, *, width: int = 110, color: bool = False, most: 
     return "\n".join(line.rstrip() for line in out.getvalue().splitlines()) + "\n"
 
 
+def cause_line(report: Report) -> str:
+    """The likeliest cause and its remedy, in one line."""
+    cause = report.causes[0]
+    return f"probable cause ({cause.code}): {cause.message}. {cause.remedy}."
+
+
 def one_line(report: Report) -> str:
     """The verdict with the worst finding and its place in time, for after a clip was made."""
     text = (
-        f"{'plausible' if report.passed else 'not plausible'}, "
+        f"{_PLAUSIBLE[report.verdict]}, "
         f"{count(report.errors, 'error')} and {count(report.warnings, 'warning')}"
     )
+    if report.causes:
+        return f"{text}; {cause_line(report)}"
     if not report.findings:
         return f"{text}."
     worst = report.findings[0]
@@ -140,8 +150,13 @@ def _coverage(console: Console, report: Report) -> None:
 
 def _verdict(console: Console, report: Report) -> None:
     accepted = f", {report.accepted} accepted by the baseline" if report.accepted else ""
-    style, word = ("bold green", "passed") if report.passed else ("bold red", "failed")
+    verdict = f"[{_VERDICT_STYLE[report.verdict]}]{report.verdict}[/]"
     console.print(
-        f"[bold]{escape(report.clip.path)}[/] [{style}]{word}[/]: {count(report.errors, 'error')}, "
-        f"{count(report.warnings, 'warning')}{accepted}"
+        f"[bold]{escape(report.clip.path)}[/] {verdict}: "
+        f"{count(report.errors, 'error')}, {count(report.warnings, 'warning')}{accepted}"
     )
+    if report.not_judged is not None:
+        console.print(f"The forces of the floor were not judged: {escape(report.not_judged)}.")
+    if report.causes:
+        line = cause_line(report)
+        console.print(escape(line[0].upper() + line[1:]), style="bold")

@@ -6,6 +6,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from physretarget.validation.report import Verdict
+
 Id = Annotated[str, Field(pattern=r"^[0-9a-z]{26}$", examples=["01jd3m7x6v3k9q4t8w2z5y0abc"])]
 Kind = Literal["validate", "retarget"]
 Status = Literal["queued", "running", "done", "failed", "cancelled"]
@@ -32,11 +34,14 @@ class JobModel(_Out):
 
 
 class Summary(_Out):
-    """The report in three numbers."""
+    """The report in a line: numbers, verdict, why it was not judged, its probable cause."""
 
     errors: int
     warnings: int
     passed: bool
+    verdict: Verdict = "passed"
+    reason: str = ""
+    cause: str = ""
 
 
 class JobError(_Out):

@@ -14,7 +14,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, get_args
 
 from physretarget.errors import PhysretargetError
 from physretarget.sandbox.child import ChildError, open_result
@@ -23,6 +23,7 @@ from physretarget.service.home import Home, remove
 from physretarget.service.metrics import Metrics
 from physretarget.service.work import prepare
 from physretarget.suite.queue import ATTEMPTS, JobRecord, Queue
+from physretarget.validation.report import Verdict
 
 log = logging.getLogger("physretarget.service.worker")
 
@@ -33,6 +34,7 @@ RESULTS = (
 _NEEDED = frozenset(RESULTS) - {"clip.npz"}
 _IDLE_S = 1.0  # another process may have queued something, or a lease have run out
 _TELL_S = 0.2
+_LONGEST_TEXT = 1000  # characters of a reason or a cause that a child may give
 
 
 class Runner(Protocol):
@@ -260,10 +262,17 @@ class _Watch:
 
 
 def _summary(answer: Mapping[str, Any]) -> dict[str, Any]:
-    """The three numbers that a child gives, taken only as what they should be."""
+    """The verdict and the numbers that a child gives, taken only as what they should be."""
     given = answer.get("summary")
     told = given if isinstance(given, dict) else {}
     errors, warnings = told.get("errors"), told.get("warnings")
     if not (isinstance(errors, int) and isinstance(warnings, int)):
         raise ChildError("crash", "the job gave no usable summary.")
-    return {"errors": errors, "warnings": warnings, "passed": errors == 0}
+    verdict = "failed" if errors else told.get("verdict", "passed")
+    if verdict not in get_args(Verdict):
+        raise ChildError("crash", "the job gave no usable verdict.")
+    texts = {key: str(told.get(key, ""))[:_LONGEST_TEXT] for key in ("reason", "cause")}
+    return {
+        "errors": errors, "warnings": warnings, "passed": verdict == "passed",
+        "verdict": verdict, **texts,
+    }  # fmt: skip

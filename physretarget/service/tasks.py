@@ -30,7 +30,7 @@ from physretarget.report.markdown import render_markdown
 from physretarget.report.retarget import retarget_data
 from physretarget.report.retarget_html import render_retarget_html
 from physretarget.report.sarif import render_sarif
-from physretarget.report.text import render_text
+from physretarget.report.text import cause_line, render_text
 from physretarget.sandbox.limits import Limits
 from physretarget.sandbox.mjcf import check_model as check_files
 from physretarget.service.layout import lay_out
@@ -248,5 +248,7 @@ def _write(
     return {
         "summary": {
             "errors": report.errors, "warnings": report.warnings, "passed": report.passed,
+            "verdict": report.verdict, "reason": report.not_judged or "",
+            "cause": cause_line(report) if report.causes else "",
         },
     }  # fmt: skip

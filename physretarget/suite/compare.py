@@ -77,6 +77,8 @@ class Change:
 class State:
     """What is remembered of a result: enough to compare.
 
+    ``message`` says why it errored, or why the floor's forces were not judged.
+
     ``status`` is "ok" or "errored"; ``measures`` name → {value, unit}; ``findings`` code →
     {"errors", "warnings"}.
     """
@@ -98,9 +100,16 @@ class State:
         return sum(f["warnings"] for f in self.findings.values())
 
     @property
+    def judgement(self) -> str:
+        """The report's verdict: passed, failed or not judged."""
+        if self.errors:
+            return "failed"
+        return "not judged" if self.status != "ok" or self.message else "passed"
+
+    @property
     def passed(self) -> bool:
         """Judged, without an error."""
-        return self.status == "ok" and self.errors == 0
+        return self.judgement == "passed"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,7 +143,10 @@ def compare(
         known_bad = baseline is None or baseline.status == "errored"
         return Comparison(verdict="errored", reason=now.message, blocking=not known_bad)
     if baseline is None:
-        reason = "passes" if now.passed else f"fails with {_count(now.errors, 'error')}"
+        reason = {
+            "passed": "passes", "failed": f"fails with {_count(now.errors, 'error')}",
+            "not judged": f"is not judged: {now.message}",
+        }[now.judgement]  # fmt: skip
         return Comparison(verdict="new", reason=f"no baseline yet; {reason}")
     if baseline.address == now.address:
         return Comparison(verdict="same", reason="unchanged")
@@ -149,12 +161,15 @@ def _verdict(now: State, baseline: State, changes: tuple[Change, ...]) -> Compar
     better = [c for c in changes if not c.worse]
     if baseline.passed and not now.passed:
         codes = ", ".join(c for c, f in now.findings.items() if f["errors"])
+        told = f"fails now: {codes}" if codes else f"is not judged now: {now.message}"
         return Comparison(
-            verdict="worse", reason=f"passed before, fails now: {codes}", changes=changes,
-            blocking=True,
-        )  # fmt: skip
+            verdict="worse", reason=f"passed before, {told}", changes=changes, blocking=True
+        )
     if now.passed and not baseline.passed:
-        reason = f"failed before with {_count(baseline.errors, 'error')}, passes now"
+        before = f"failed before with {_count(baseline.errors, 'error')}"
+        if baseline.judgement == "not judged":
+            before = "was not judged before"
+        reason = f"{before}, passes now"
         return Comparison(verdict="fixed", reason=reason, changes=changes)
     if worse:
         return Comparison(verdict="worse", reason=_told(worse), changes=changes, blocking=True)

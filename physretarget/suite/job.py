@@ -35,6 +35,8 @@ class Job:
 class Outcome:
     """What a job gave: ``status`` errored has a ``message``, ok has the rest.
 
+    The message of a clip that is ok says why the floor's forces were not judged, if they were not.
+
     ``document`` is the report's JSON form. ``artifacts``: "motion" (tracks and timelines for the
     replay), "model/<sha256>" (shapes, shared by clips), "clip" (retargeted clips) as compressed
     bytes. ``transient``: the failure may not repeat, so that it must not be kept.

@@ -96,6 +96,7 @@ def _clip(entry: Entry, state: State | None, pages: Mapping[str, str]) -> dict[s
         "reason": entry.reason, "blocking": entry.blocking,
         "changes": [dict(change) for change in entry.changes],
         "passed": state.passed if state and judged else None,
+        "judgement": state.judgement if state and judged else None,
         "errors": state.errors if state and judged else None,
         "warnings": state.warnings if state and judged else None,
         "measures": {n: m["value"] for n, m in state.measures.items()} if state else {},

@@ -60,6 +60,7 @@ def perform(job: Job, root: str | None = None) -> Outcome:
     return Outcome(
         address=job.address,
         status="ok",
+        message=document["summary"]["reason"],
         document=document,
         artifacts=made_files,
         seconds=clock.perf_counter() - started,

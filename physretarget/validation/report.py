@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -13,6 +13,10 @@ from physretarget.options.judging import Severity
 
 SCHEMA = "physretarget/report/1"
 Status = Literal["checked", "not-covered"]
+Verdict = Literal["passed", "failed", "not judged"]
+
+# What can be required to have been judged, and the rule that says whether it was.
+REQUIRABLE = {"dynamics": "DYN001", "contact": "CON001", "torques": "DYN008"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,6 +63,16 @@ class Coverage:
     code: str
     status: Status
     reason: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cause:
+    """Why the clip is probably as it is, and what to do; ``value`` is its size where it has one."""
+
+    code: str
+    message: str
+    remedy: str
+    value: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,7 +135,8 @@ class Report:
 
     ``series`` are per-frame arrays (T,) for timelines, ``forces`` the contact forces for a
     replay; both stay out of the JSON, and are read when asked for, every time anew.
-    ``accepted`` counts findings that a baseline took out.
+    ``accepted`` counts findings that a baseline took out. ``causes`` say what probably lies behind
+    the findings, the likeliest first.
     """
 
     tool: Mapping[str, str]
@@ -135,6 +150,7 @@ class Report:
     series: Mapping[str, NDArray[np.floating[Any]]] = field(default_factory=dict)
     forces: ContactForces | None = None
     accepted: int = 0
+    causes: tuple[Cause, ...] = ()
 
     @property
     def errors(self) -> int:
@@ -147,13 +163,43 @@ class Report:
         return sum(f.severity == "warning" for f in self.findings)
 
     @property
-    def passed(self) -> bool:
-        """No errors."""
-        return self.errors == 0
+    def verdict(self) -> Verdict:
+        """Failed with errors; without any, passed only where the floor's forces were judged."""
+        if self.errors:
+            return "failed"
+        return "passed" if self.not_judged is None else "not judged"
 
-    def fails(self, fail_on: Severity = "error") -> bool:
-        """Whether findings at or above this severity exist (exit code 1)."""
-        return self.errors > 0 or (fail_on == "warning" and self.warnings > 0)
+    @property
+    def passed(self) -> bool:
+        """Whether the verdict is "passed"."""
+        return self.verdict == "passed"
+
+    @property
+    def not_judged(self) -> str | None:
+        """Why the forces that the floor would have to supply were not judged, None where they were.
+
+        Rules that were not selected are not missed.
+        """
+        return self._gap("dynamics") if self._coverage_of("dynamics") is not None else None
+
+    def unmet(self, required: Iterable[str]) -> dict[str, str]:
+        """Of what is required to be judged (dynamics, contact, torques) what was not, and why."""
+        gaps = {name: self._gap(name) for name in required}
+        return {name: reason for name, reason in gaps.items() if reason is not None}
+
+    def _coverage_of(self, what: str) -> Coverage | None:
+        return next((c for c in self.coverage if c.code == REQUIRABLE[what]), None)
+
+    def _gap(self, what: str) -> str | None:
+        entry = self._coverage_of(what)
+        if entry is None:
+            return f"rule {REQUIRABLE[what]} was not selected"
+        return None if entry.status == "checked" else entry.reason
+
+    def fails(self, fail_on: Severity = "error", require: Iterable[str] = ()) -> bool:
+        """Whether findings at or above this severity exist, or what is required was not judged."""
+        found = self.errors > 0 or (fail_on == "warning" and self.warnings > 0)
+        return found or bool(self.unmet(require))
 
     def to_dict(self) -> dict[str, Any]:
         """The JSON document, floats rounded to seven digits so that it reads."""
@@ -192,10 +238,21 @@ class Report:
             "coverage": [
                 {"code": c.code, "status": c.status, "reason": c.reason} for c in self.coverage
             ],
+            "causes": [
+                {
+                    "code": c.code,
+                    "message": c.message,
+                    "remedy": c.remedy,
+                    "value": _rounded(c.value),
+                }
+                for c in self.causes
+            ],
             "summary": {
                 "errors": self.errors,
                 "warnings": self.warnings,
                 "passed": self.passed,
+                "verdict": self.verdict,
+                "reason": self.not_judged or "",
                 "accepted": self.accepted,
             },
         }

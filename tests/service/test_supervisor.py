@@ -20,7 +20,11 @@ from physretarget.suite.queue import JobRecord, NewJob, Queue
 from physretarget.suite.store import Store
 
 Play = Callable[[Path, dict[str, Any]], Any]
-SUMMARY = {"summary": {"errors": 0, "warnings": 1, "passed": True}}
+SUMMARY = {
+    "summary": {
+        "errors": 0, "warnings": 1, "passed": True, "verdict": "passed", "reason": "", "cause": "",
+    }
+}  # fmt: skip
 
 
 class Player:

@@ -51,13 +51,21 @@ export function say(text) {
   if ($("live").textContent !== text) $("live").textContent = text;
 }
 
+/** The verdict of a finished job; jobs of earlier versions say only whether they passed. */
+export function judgement(summary) {
+  if (!summary.passed && !summary.errors && summary.verdict) return summary.verdict;
+  return summary.passed ? "passed" : "failed";
+}
+
 /** A pill that tells a job's status, or of a finished one whether it passed. */
 export function verdict(job) {
   if (job.status !== "done") return el("span", { class: `chip ${job.status}` }, STATUSES[job.status] ?? job.status);
   if (!job.summary) return el("span", { class: "chip done" }, "done");
-  const passed = job.summary.passed;
-  return el("span", { class: `chip ${passed ? "passed" : "unfit"}` },
-    icon(passed ? "check" : "cross"), passed ? "passed" : "failed");
+  const told = judgement(job.summary);
+  const looks = { passed: ["passed", "check"], failed: ["unfit", "cross"], "not judged": ["open", "cross"] };
+  const [style, sign] = looks[told];
+  return el("span", { class: `chip ${style}`, title: job.summary.reason || null },
+    told === "not judged" ? "?" : icon(sign), told);
 }
 
 /** A progress bar with its name. */

@@ -1,6 +1,6 @@
 // One job: how it goes, then the verdict, the findings beside the replay, the report, downloads.
 
-import { alarm, calm, confirm, el, icon, meter, say, table, verdict } from "/web/dom.js";
+import { alarm, calm, confirm, el, icon, judgement, meter, say, table, verdict } from "/web/dom.js";
 import { API, ended, follow, get, post, query, remove } from "/web/api.js";
 import { frame, opening } from "/web/frame.js";
 import { FORMATS, TILES, counts, exact, measureName, number, quantity, took } from "/web/words.js";
@@ -32,7 +32,7 @@ export async function jobView({ main, id, params, signal, name }) {
   async function draw(done, news = false) {
     head.replaceChildren(header(done, actions(done, head)));
     body.replaceChildren();
-    if (news) say(`${done.clip.name}: ${done.summary ? `${done.summary.passed ? "passed" : "failed"}, ${counts(done.summary)}` : done.status}`);
+    if (news) say(`${done.clip.name}: ${done.summary ? `${judgement(done.summary)}, ${counts(done.summary)}` : done.status}`);
     if (done.status !== "done") { body.append(unfinished(done)); return; }
     head.append(views(done.id, view));
     if (view === "report") {
