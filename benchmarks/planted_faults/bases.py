@@ -90,7 +90,7 @@ def lamp_acting() -> Base:
 @cache
 def hop() -> Base:
     """A hop that MuJoCo simulated, with its flight."""
-    played = simulated(Take("four legs", "hop", 7, 0))
+    played = simulated(Take("four legs", "hop", 4, 0))
 
     def qpos(fps: float) -> Array:
         return played.qpos[:: round(STEPS_PER_SECOND / fps)]

@@ -3,7 +3,7 @@
     python -m benchmarks.simulations [--seed 0] [--repeats 2] [--quick] [--only penguin hop]
     python -m benchmarks.simulations --dump penguin.hop.0.1 --fps 250 --out FOLDER
 
-Two repeats of nine scenarios on twelve bodies give over 200 simulations, each sampled at 60, 250
+Two repeats of ten scenarios on twelve bodies give over 200 simulations, each sampled at 60, 250
 and 500 frames/s (at 30 and low-passed at 6 Hz for information). ``--alarms N`` tells about so
 many errors what the validator and MuJoCo say of the worst frame.
 """

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from benchmarks.simulations.models import NAMES, Subject, build, g1_file, generator
-from benchmarks.simulations.scenarios import SCENARIOS
+from benchmarks.simulations.scenarios import SCENARIOS, fits
 from benchmarks.simulations.simulate import STEPS_PER_SECOND, Simulation, simulate
 from physretarget.validation import Finding, Report, Settings, validate
 
@@ -84,7 +84,7 @@ def takes(
         for scenario in scenarios:
             for number in range(repeats):
                 take = Take(subject, scenario, seed, number)
-                if scenario != "hop" or subject_of(take).crouch:
+                if fits(subject_of(take), scenario):
                     yield take
 
 

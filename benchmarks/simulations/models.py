@@ -34,6 +34,7 @@ class Subject:
         text: the character's MJCF.
         crouch: joint name → angle (rad) or length (m) of a deep crouch; empty where it has none.
         spin: names of joints that turn without end (wheels).
+        radius: of what rolls (m); 0 where nothing does.
     """
 
     name: str
@@ -42,6 +43,7 @@ class Subject:
     text: str
     crouch: Mapping[str, float] = field(default_factory=dict)
     spin: tuple[str, ...] = ()
+    radius: float = 0.0
 
 
 Made = tuple[str, dict[str, float]]
@@ -52,11 +54,13 @@ FLOOR = '<geom name="floor" type="plane" size="20 20 .1"/>'
 def _text(name: str, rng: Generator, body: str, joint: str = "") -> str:
     """An MJCF file around a body that stands on z = 0."""
     friction, soft = rng.uniform(0.3, 1.2), rng.choice(SOFTNESS)
+    integrator = rng.choice(("implicitfast", "Euler"))
+    cone, dimensions = rng.choice(("pyramidal", "elliptic")), rng.choice((3, 3, 3, 4, 6))
     return f"""<mujoco model="{name}">
   <compiler angle="radian" autolimits="true"/>
-  <option timestep="0.002" integrator="implicitfast"/>
+  <option timestep="0.002" integrator="{integrator}" cone="{cone}"/>
   <default>
-    <geom friction="{friction:.3f} 0.005 0.0001" solref="{soft}"/>
+    <geom friction="{friction:.3f} 0.005 0.0001" solref="{soft}" condim="{dimensions}"/>
     <joint damping="0.05" armature="0.002" {joint}/>
   </default>
   <worldbody>{FLOOR}{body}</worldbody>
@@ -259,7 +263,10 @@ def build(name: str, rng: Generator, g1: Path | None = None) -> Subject:
     character = Character.from_xml(text, name=name.replace(" ", "_"))
     names = character.joint_names
     spin = tuple(n for n in names if n.startswith("wheel"))
-    return Subject(name, character, character.model, text, crouch, spin)
+    rolls = {"wheels": float(character.reference_qpos[2]), "ball": character.height / 2}
+    return Subject(
+        name, character, character.model, text, crouch, spin, rolls.get(name, 0.0)
+    )  # fmt: skip
 
 
 def g1_file() -> Path | None:

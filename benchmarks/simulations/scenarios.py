@@ -8,7 +8,7 @@ a target that moves; a limp joint has none.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import mujoco
@@ -115,12 +115,26 @@ def skid(subject: Subject, rng: Generator) -> Play:
     return _kicked(subject, play, rng, rng.uniform(0.5, 3.0), turn=turn)
 
 
+def roll(subject: Subject, rng: Generator) -> Play:
+    """On wheels, or as a ball, with the spin that goes with the speed, or nearly."""
+    play = _held(subject, rng, on_floor(subject, subject.character.reference_qpos), settle=0.3)
+    speed = rng.uniform(0.3, 2.0)
+    kick = np.zeros(subject.model.nv)
+    kick[0] = speed
+    spin = speed / subject.radius * rng.uniform(0.8, 1.2)
+    for name in subject.spin:
+        kick[subject.model.joint(name).dofadr[0]] = spin
+    if not subject.spin:
+        kick[4] = spin
+    return replace(play, kick=kick)
+
+
 def swing(subject: Subject, rng: Generator) -> Play:
     """Some joints are let go away from where they would hang; the rest hold their pose."""
     pose = _varied(subject, rng, 0.6)
     play = _held(subject, rng, on_floor(subject, pose))
     motors = play.stiffness * (rng.random(len(play.stiffness)) > 0.4)
-    return Play(play.qpos, play.qvel, play.target, motors, play.seconds)
+    return replace(play, stiffness=motors)
 
 
 def dance(subject: Subject, rng: Generator) -> Play:
@@ -140,8 +154,13 @@ def dance(subject: Subject, rng: Generator) -> Play:
 
 
 SCENARIOS: Mapping[str, Callable[[Subject, Generator], Play]] = {
-    f.__name__: f for f in (stand, push, drop, fall, ragdoll, hop, skid, swing, dance)
+    f.__name__: f for f in (stand, push, drop, fall, ragdoll, hop, skid, roll, swing, dance)
 }
+
+
+def fits(subject: Subject, scenario: str) -> bool:
+    """Whether the body can do that: who has no crouch cannot hop, who is not round not roll."""
+    return {"hop": bool(subject.crouch), "roll": subject.radius > 0}.get(scenario, True)
 
 
 def on_floor(subject: Subject, qpos: Array, gap: float = 0.0) -> Array:
@@ -222,9 +241,7 @@ def _kicked(subject: Subject, play: Play, rng: Generator, speed: float, turn: Ar
     kick = np.zeros(subject.model.nv)
     kick[:3] = speed * np.cos(way), speed * np.sin(way), 0.0
     kick[3:6] = turn
-    return Play(
-        play.qpos, play.qvel, play.target, play.stiffness, play.seconds, play.settle, kick
-    )  # fmt: skip
+    return replace(play, kick=kick)
 
 
 @cache
