@@ -2,7 +2,9 @@
 
 The mapper predicts where the virtual markers are in the local frame; here the joints are
 found that bring them there, as weighted least squares within the joint limits (Yamane
-2010, section 4.1 and 5.2 use the same for contacts). All frames are solved at once.
+2010, section 4.1 and 5.2 use the same for contacts). A clip is solved as one motion, in
+which speed and acceleration of the joints have a price: solved frame by frame, the answer
+leaps where a joint's two ways of reaching a place meet.
 """
 
 from __future__ import annotations
@@ -11,11 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from physretarget import kinematics
 from physretarget.errors import InputError
 from physretarget.features import frame_of
-from physretarget.kinematics import PointTargets
+from physretarget.kinematics import PointTargets, Price
 from physretarget.mjcf import Character
 
 Floats = NDArray[np.float64]
@@ -26,25 +29,26 @@ Ints = NDArray[np.int64]
 class IkSettings:
     """How the markers are followed.
 
-    iterations: the most Levenberg–Marquardt steps per frame. tolerance: a frame is done when
-    its step is below this (rad or m). prior: how much a joint that no marker determines is
-    held to the start pose, in m² per rad² of the sum of squared marker distances.
+    Over a clip each joint speed of 1 rad/s (or of one height per second along a slide) costs
+    as much as markers that miss by ``velocity_s`` of the height (RMS), each acceleration of
+    1 rad/s² as much as ``acceleration_s2``. A joint that turns a tenth of the markers at a
+    fifth of the height, as a forearm does, then follows half of a swing of 6 Hz, to which
+    captures are filtered before, and 96 % of one of 2 Hz; one that no marker sees well
+    follows more slowly, instead of leaping.
 
-    Features far from every key pose belong to no pose; the best fit then leaps between far
-    apart ones. Around frames that leap by more than ``leap`` rad (or m) and miss their markers
-    by more than ``doubt`` of the height, and around those that leap by more than ``flip`` (the
-    other side of a singular shoulder), poses are chosen that follow each other:
-    ``steadiness`` is what a step between frames costs, per rad², in mean squared marker
-    distance over the height squared. Zero switches that off.
+    prior: how much a joint that no marker determines is held to the start pose, in m² per
+    rad² of the sum of squared marker distances. doubt: stretches whose markers miss by more
+    than this share of the height (RMS, with the price of motion) are also sought from the
+    reference pose. iterations: the most steps per start; tolerance: a search ends when its
+    step is below this (rad or m).
     """
 
+    velocity_s: float = 1e-3
+    acceleration_s2: float = 4.5e-5
+    doubt: float = 0.025
+    prior: float = 1e-6
     iterations: int = 15
     tolerance: float = 3e-4
-    prior: float = 1e-6
-    leap: float = 0.3
-    flip: float = 0.9
-    doubt: float = 0.015
-    steadiness: float = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,158 +70,167 @@ def solve(
     start: Floats | None = None,
     settings: IkSettings | None = None,
 ) -> IkResult:
-    """Find the pose of every frame of ``features``.
+    """Find the pose of every row of ``features``, each for itself; for clips :func:`follow`.
 
     Args:
         character: whose ``markers`` the features describe.
         features: (T, 3K) stacked marker coordinates in the local frame, m.
         start: (T, nq) or (nq,) where to begin, e.g. the nearest key pose; the reference pose
             if None.
+        settings: defaults if None; prices of motion play no part.
+
+    Raises:
+        InputError: the features have another width than the markers, or are not finite.
+    """
+    settings = settings or IkSettings()
+    target = _targets(character, features)
+    markers = character.markers
+    found = kinematics.solve(
+        character.tree,
+        _begin(character, start, len(target)),
+        [PointTargets(markers.body, markers.local, target)],
+        lower=character.lower,
+        upper=character.upper,
+        locked=_locked(character),
+        prior_weight=settings.prior,
+        iterations=settings.iterations,
+        tolerance=settings.tolerance,
+    )
+    return _result(character, found.qpos, target)
+
+
+COARSE_HZ, FINE_HZ = 12.0, 24.0
+"""Frame rates, at least, at which a clip is first sought and then solved. Captures hold nothing
+above 6 Hz; poses between the frames of the finer one are interpolated."""
+REFINEMENTS = 4
+"""Steps at the finer rate, which begins next to its answer."""
+
+
+def follow(
+    character: Character,
+    features: Floats,
+    fps: float,
+    *,
+    start: Floats | None = None,
+    settings: IkSettings | None = None,
+) -> IkResult:
+    """Find the motion whose markers follow a clip's ``features``.
+
+    Args:
+        character: whose ``markers`` the features describe.
+        features: (T, 3K) stacked marker coordinates in the local frame, m, of frames that
+            follow each other in time.
+        fps: how many of them there are in a second.
+        start: (T, nq) or (nq,) where to begin, as for :func:`solve`.
         settings: defaults if None.
 
     Raises:
         InputError: the features have another width than the markers, or are not finite.
     """
     settings = settings or IkSettings()
-    features = np.atleast_2d(np.asarray(features, dtype=np.float64))
     target = _targets(character, features)
-    begin = np.array(
-        np.broadcast_to(
-            character.reference_qpos if start is None else start,
-            (len(features), character.tree.nq),
-        )
-    )
-    locked = np.zeros(character.tree.nv, dtype=bool)
-    if character.has_root:
-        # In the local frame the root stands over the origin (its height and tilt are free).
-        begin[:, character.root_qpos : character.root_qpos + 2] = 0.0
-        locked[character.root_dof : character.root_dof + 2] = True
-    problem = _Problem(character, target, locked, settings)
-    qpos, rms = problem.solved(begin, np.arange(len(begin)))
-    if settings.steadiness > 0.0:
-        qpos, rms = _steadied(problem, qpos, rms)
-    return IkResult(continuous_qpos(character, facing_forward(character, qpos)), rms)
+    begin = _begin(character, start, len(target))
+    fine = max(1, int(fps / FINE_HZ))
+    coarse = fine * max(1, int(fps / fine / COARSE_HZ))
+    problem = _Clip(character, target, begin, fps, settings)
+    rest = _begin(character, None, len(target))
+    grid, poses = problem.solved(coarse, [begin, rest], settings.iterations)
+    if coarse != fine:
+        between = between_frames(character, grid, poses, len(target))
+        grid, poses = problem.solved(fine, [between], REFINEMENTS)
+    if fine > 1:
+        poses = between_frames(character, grid, poses, len(target))
+    return _result(character, poses, target)
 
 
 @dataclass(frozen=True, eq=False)
-class _Problem:
-    """A clip's marker targets (T, K, 3) and what must not move (nv,)."""
+class _Clip:
+    """A clip's marker targets (T, K, 3), where its search begins (T, nq), and how it is solved."""
 
     character: Character
     target: Floats
-    locked: NDArray[np.bool_]
+    begin: Floats
+    fps: float
     settings: IkSettings
 
     def solved(
-        self,
-        start: Floats,
-        frames: Ints,
-        *,
-        prior: Floats | None = None,
-        weight: float = 0.0,
-        iterations: int | None = None,
-    ) -> tuple[Floats, Floats]:
-        """Poses (n, nq) of some frames and their residual (n,), held to ``prior`` by ``weight``."""
-        character = self.character
+        self, stride: int, starts: list[Floats], iterations: int
+    ) -> tuple[Ints, Floats]:
+        """Every ``stride``-th frame and its pose. The last frame may lie beyond the clip's end."""
+        character, settings = self.character, self.settings
+        grid = np.arange(0, len(self.target) + stride - 1, stride)
+        inside = np.minimum(grid, len(self.target) - 1)
         markers = character.markers
-        found = kinematics.solve(
+        one = len(markers.names) * character.height**2  # the solver's cost sums over markers, in m²
+        found = kinematics.solve_trajectory(
             character.tree,
-            start,
-            [PointTargets(markers.body, markers.local, self.target[frames])],
+            [start[inside] for start in starts],
+            [PointTargets(markers.body, markers.local, _sampled(self.target, grid))],
+            step_s=stride / self.fps,
+            price=self._price(one),
             lower=character.lower,
             upper=character.upper,
-            locked=self.locked,
-            prior=prior,
-            prior_weight=self.settings.prior + weight,
-            iterations=iterations or self.settings.iterations,
-            tolerance=self.settings.tolerance,
+            locked=_locked(character),
+            prior=self.begin[inside],
+            prior_weight=settings.prior,
+            doubt=0.5 * one * settings.doubt**2,
+            iterations=iterations,
+            tolerance=settings.tolerance,
         )
-        return found.qpos, np.sqrt(np.mean(found.residual**2, axis=1))
+        return grid, found.qpos
 
-
-REACH = 8
-"""Frames to each side of a leap that are reconsidered."""
-
-
-def _steadied(problem: _Problem, qpos: Floats, rms: Floats) -> tuple[Floats, Floats]:
-    """Poses that follow each other where the best fits leap, and their residuals.
-
-    From each leap on the pose before it is followed onwards and the one after it backwards;
-    of the best fits and these two the path with the least cost is found by dynamic programming
-    and then smoothed.
-    """
-    character, settings = problem.character, problem.settings
-    leap = np.abs(kinematics.difference(character.tree, qpos[:-1], qpos[1:])).max(axis=1)
-    doubtful = rms > settings.doubt * character.height
-    near = (leap > settings.leap) & (doubtful[:-1] | doubtful[1:])
-    leaps = np.flatnonzero(near | (leap > settings.flip))
-    if not len(leaps):
-        return qpos, rms
-    reach = leaps[:, None] + np.arange(1 - REACH, REACH + 1)
-    frames = np.unique(np.clip(reach, 0, len(qpos) - 1))
-    tried = [(qpos, rms), *_swept(problem, qpos, leaps)]
-    choices = np.stack([t[0][frames] for t in tried], axis=1)  # (n, candidates, nq)
-    misses = np.stack([t[1][frames] for t in tried], axis=1)
-    price = settings.steadiness * character.height**2
-    best = _cheapest_path(character, frames, choices, misses, price)
-    qpos, rms = qpos.copy(), rms.copy()
-    each = np.arange(len(frames))
-    qpos[frames], rms[frames] = choices[each, best], misses[each, best]
-    inner = frames[(frames > 0) & (frames < len(qpos) - 1)]
-    weight = 2.0 * price * problem.target.shape[1]  # the solver's cost sums over markers
-    for _ in range(4):
-        before, after = qpos[inner - 1], qpos[inner + 1]
-        half = 0.5 * kinematics.difference(character.tree, before, after)
-        between = kinematics.integrate(character.tree, before, half)
-        qpos[inner], rms[inner] = problem.solved(
-            qpos[inner], inner, prior=between, weight=weight, iterations=4
+    def _price(self, one: float) -> Price:
+        unit = np.where(self.character.tree.tables.dof_turns > 0, 1.0, 1.0 / self.character.height)
+        return Price(
+            velocity=one * (self.settings.velocity_s * unit) ** 2,
+            acceleration=one * (self.settings.acceleration_s2 * unit) ** 2,
         )
-    return qpos, rms
 
 
-def _swept(problem: _Problem, qpos: Floats, leaps: Ints) -> list[tuple[Floats, Floats]]:
-    """Poses followed frame by frame across each leap, onwards and backwards, with residuals.
-
-    A step costs what it costs on the path that is sought. Frames that are not reached have
-    residual infinity; where two leaps reach a frame the nearer one has it.
-    """
-    weight = problem.settings.steadiness * problem.character.height**2 * problem.target.shape[1]
-    swept = [(qpos.copy(), np.full(len(qpos), np.inf)) for _ in range(2)]
-    at = np.concatenate([leaps, leaps + 1])
-    way = np.repeat([1, -1], len(leaps))
-    now = qpos[at]
-    for _ in range(REACH):
-        at = at + way
-        inside = (at >= 0) & (at < len(qpos))
-        at, way, now = at[inside], way[inside], now[inside]
-        now, rms = problem.solved(now, at, weight=weight, iterations=3)
-        for (poses, miss), towards in zip(swept, (1, -1), strict=True):
-            fresh = (way == towards) & np.isinf(miss[at])
-            poses[at[fresh]], miss[at[fresh]] = now[fresh], rms[fresh]
-    return swept
+def _sampled(target: Floats, grid: Ints) -> Floats:
+    """Targets at the frames of a grid; what lies beyond the end is mirrored about the last one."""
+    last = len(target) - 1
+    found = target[np.minimum(grid, last)]
+    beyond = grid > last
+    found[beyond] = 2.0 * target[last] - target[np.maximum(2 * last - grid[beyond], 0)]
+    return found
 
 
-def _cheapest_path(
-    character: Character, frames: Ints, choices: Floats, misses: Floats, price: float
-) -> Ints:
-    """Which candidate (n,) to take in each of n frames; ``choices`` (n, m, nq)."""
-    size, count = choices.shape[:2]
-    before = np.repeat(choices[:-1], count, axis=1).reshape(-1, choices.shape[2])
-    after = np.tile(choices[1:], (1, count, 1)).reshape(-1, choices.shape[2])
-    step = kinematics.difference(character.tree, before, after)
-    cost = price * np.sum(step * step, axis=1).reshape(size - 1, count, count)
-    cost[np.diff(frames) != 1] = 0.0  # another stretch begins
-    total = misses[0] ** 2
-    came_from = np.zeros((size, count), dtype=np.int64)
-    for t in range(1, size):
-        way = total[:, None] + cost[t - 1]
-        came_from[t] = np.argmin(way, axis=0)
-        total = way.min(axis=0) + misses[t] ** 2
-    path = np.zeros(len(frames), dtype=np.int64)
-    path[-1] = np.argmin(total)
-    for t in range(len(frames) - 1, 0, -1):
-        path[t - 1] = came_from[t, path[t]]
-    return path
+def between_frames(character: Character, grid: Ints, qpos: Floats, frames: int) -> Floats:
+    """Poses (frames, nq) on cubic splines through those of a grid, within the joint limits."""
+    if len(grid) < 2:
+        return np.repeat(qpos, frames, axis=0)
+    smooth = continuous_qpos(character, qpos)
+    poses = np.asarray(CubicSpline(grid, smooth, axis=0)(np.arange(frames)))
+    poses = np.clip(poses, character.lower, character.upper)
+    for part in _quats(character):
+        poses[:, part] /= np.linalg.norm(poses[:, part], axis=1, keepdims=True)
+    return poses
+
+
+def _begin(character: Character, start: Floats | None, frames: int) -> Floats:
+    """(T, nq) where a search begins: the root over the origin, its height and tilt free."""
+    pose = character.reference_qpos if start is None else start
+    begin = np.array(np.broadcast_to(pose, (frames, character.tree.nq)))
+    if character.has_root:
+        begin[:, character.root_qpos : character.root_qpos + 2] = 0.0
+    return begin
+
+
+def _locked(character: Character) -> NDArray[np.bool_]:
+    """(nv,) what must not move: the root stands over the origin."""
+    locked = np.zeros(character.tree.nv, dtype=bool)
+    if character.has_root:
+        locked[character.root_dof : character.root_dof + 2] = True
+    return locked
+
+
+def _result(character: Character, qpos: Floats, target: Floats) -> IkResult:
+    markers = character.markers
+    pose = kinematics.forward(character.tree, qpos)
+    miss = kinematics.points(pose, markers.body, markers.local) - target
+    rms = np.sqrt(np.mean(np.sum(miss * miss, axis=2), axis=1))
+    return IkResult(continuous_qpos(character, facing_forward(character, qpos)), rms)
 
 
 def _targets(character: Character, features: Floats) -> Floats:
@@ -253,9 +266,16 @@ def facing_forward(character: Character, qpos: Floats) -> Floats:
 def continuous_qpos(character: Character, qpos: Floats) -> Floats:
     """The same poses with quaternion signs that do not flip from frame to frame."""
     smooth = qpos.copy()
-    for joint in character.tree.joints:
-        if joint.kind in ("free", "ball"):
-            first = joint.qpos + (3 if joint.kind == "free" else 0)
-            part = slice(first, first + 4)
-            smooth[:, part] = kinematics.continuous(qpos[:, part])
+    for part in _quats(character):
+        smooth[:, part] = kinematics.continuous(qpos[:, part])
     return smooth
+
+
+def _quats(character: Character) -> list[slice]:
+    """Where the quaternions lie in qpos."""
+    first = [
+        joint.qpos + (3 if joint.kind == "free" else 0)
+        for joint in character.tree.joints
+        if joint.kind in ("free", "ball")
+    ]
+    return [slice(at, at + 4) for at in first]

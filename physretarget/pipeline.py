@@ -180,7 +180,7 @@ def retarget(
     notes += () if unlike.warning is None else (unlike.warning,)
 
     watch.start("pose")
-    pose = ik.solve(character, mapped.mean, start=mapper.nearest_pose(y))
+    pose = ik.follow(character, mapped.mean, motion.fps, start=mapper.nearest_pose(y))
 
     run = _Run(character, actor, motion, mapped, settings, watch)
     if phases is not None:

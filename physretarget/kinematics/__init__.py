@@ -23,13 +23,16 @@ from physretarget.kinematics.rotations import (
     slerp,
 )
 from physretarget.kinematics.solver import PointTargets, Solution, solve, stiffness
+from physretarget.kinematics.trajectory import Price, Trajectory, solve_trajectory
 from physretarget.kinematics.tree import Joint, Tree, difference, integrate
 
 __all__ = [
     "Joint",
     "PointTargets",
     "Pose",
+    "Price",
     "Solution",
+    "Trajectory",
     "Tree",
     "continuous",
     "difference",
@@ -47,6 +50,7 @@ __all__ = [
     "rotvec_to_quat",
     "slerp",
     "solve",
+    "solve_trajectory",
     "stiffness",
     "trajectories",
 ]

@@ -49,7 +49,7 @@ class Solution:
 
 
 @dataclass(frozen=True, eq=False)
-class _Problem:
+class Problem:
     """The cost of a batch of frames; all arrays batch over the same frames."""
 
     tree: Tree
@@ -63,7 +63,7 @@ class _Problem:
     upper: Floats  # (nq,)
     free: Bools  # (nv,)
 
-    def of(self, frames: Ints | slice | Bools) -> _Problem:
+    def of(self, frames: Ints | slice | Bools) -> Problem:
         return replace(
             self,
             target=self.target[frames],
@@ -115,7 +115,7 @@ def solve(
     Every frame has its own damping and is independent of the others. Deterministic.
     """
     start = np.atleast_2d(np.asarray(start, dtype=np.float64))
-    problem = _problem(tree, start, targets, lower, upper, locked, prior, prior_weight)
+    problem = pose_problem(tree, start, targets, lower, upper, locked, prior, prior_weight)
     frames = len(problem.target)
     qpos = np.array(np.broadcast_to(start, (frames, tree.nq)))
     residual = np.empty((frames, len(problem.body)))
@@ -133,7 +133,7 @@ def solve(
     return Solution(qpos, residual, most, converged)
 
 
-def _problem(
+def pose_problem(
     tree: Tree,
     start: Floats,
     targets: Sequence[PointTargets],
@@ -142,7 +142,7 @@ def _problem(
     locked: Bools | None,
     prior: Floats | None,
     prior_weight: Floats | float,
-) -> _Problem:
+) -> Problem:
     if not targets:
         raise UsageError("solve needs at least one PointTargets.")
     target = np.concatenate([np.asarray(t.target, dtype=np.float64) for t in targets], axis=1)
@@ -155,7 +155,7 @@ def _problem(
     if upper is not None:
         heeded_upper[limited] = upper[limited]
     before = start if prior is None else np.atleast_2d(prior)
-    return _Problem(
+    return Problem(
         tree=tree,
         body=np.concatenate([np.asarray(t.body, dtype=np.int64) for t in targets]),
         local=np.concatenate([np.asarray(t.local, dtype=np.float64) for t in targets]),
@@ -170,7 +170,7 @@ def _problem(
 
 
 def _solve_chunk(
-    problem: _Problem, qpos: Floats, iterations: int, damping: float, tolerance: float
+    problem: Problem, qpos: Floats, iterations: int, damping: float, tolerance: float
 ) -> tuple[Floats, Bools, int]:
     """Levenberg–Marquardt with one damping per frame; frames that are done leave the batch."""
     tree = problem.tree
@@ -207,16 +207,16 @@ def _solve_chunk(
     return qpos, done, iterations
 
 
-def _step(problem: _Problem, qpos: Floats, pose: Pose, error: Floats, strength: Floats) -> Floats:
+def _step(problem: Problem, qpos: Floats, pose: Pose, error: Floats, strength: Floats) -> Floats:
     """One damped Gauss–Newton step (T, nv), zero along locked dofs and against bounds."""
     matrix, gradient = normal_equations(problem.tree, qpos, pose, problem, error)
     if problem.prior_weight.any():
-        _add_prior(problem, qpos, matrix, gradient)
+        add_prior(problem, qpos, matrix, gradient)
     diagonal = np.einsum("tii->ti", matrix)
     # Degrees of freedom that no point sees have a zero diagonal; the floor holds them.
     floor = 1e-3 * diagonal.max(axis=1, keepdims=True) + 1e-12
     diagonal += strength[:, None] * (diagonal + floor)
-    fixed = _against_bounds(problem, qpos, gradient) | ~problem.free
+    fixed = against_bounds(problem, qpos, gradient) | ~problem.free
     frame, dof = np.nonzero(fixed)
     matrix[frame, dof, :] = 0.0
     matrix[frame, :, dof] = 0.0
@@ -225,7 +225,7 @@ def _step(problem: _Problem, qpos: Floats, pose: Pose, error: Floats, strength: 
     return np.asarray(step[..., 0], dtype=np.float64)
 
 
-def _add_prior(problem: _Problem, qpos: Floats, matrix: Floats, gradient: Floats) -> None:
+def add_prior(problem: Problem, qpos: Floats, matrix: Floats, gradient: Floats) -> None:
     """Add slope and Gauss–Newton curvature of ``weight/2 · difference²`` in place."""
     weight = problem.prior_weight
     away = difference(problem.tree, problem.prior, qpos)
@@ -241,7 +241,7 @@ def _add_prior(problem: _Problem, qpos: Floats, matrix: Floats, gradient: Floats
 
 
 def normal_equations(
-    tree: Tree, qpos: Floats, pose: Pose, problem: _Problem, error: Floats
+    tree: Tree, qpos: Floats, pose: Pose, problem: Problem, error: Floats
 ) -> tuple[Floats, Floats]:
     """JᵀWJ (T, nv, nv) and JᵀW·error (T, nv), without ever forming the Jacobian J.
 
@@ -303,11 +303,11 @@ def stiffness(
     """
     at = points(pose, body, local)
     placed = PointTargets(body, local, at, weight)
-    problem = _problem(tree, qpos, [placed], None, None, None, None, 0.0)
+    problem = pose_problem(tree, qpos, [placed], None, None, None, None, 0.0)
     return normal_equations(tree, qpos, pose, problem, np.zeros_like(at))[0]
 
 
-def _against_bounds(problem: _Problem, qpos: Floats, gradient: Floats) -> Bools:
+def against_bounds(problem: Problem, qpos: Floats, gradient: Floats) -> Bools:
     """(T, nv): dofs that sit on a bound and would be pushed through it."""
     at, dof = problem.tree.scalars
     fixed = np.zeros(gradient.shape, dtype=bool)
@@ -317,5 +317,5 @@ def _against_bounds(problem: _Problem, qpos: Floats, gradient: Floats) -> Bools:
     return fixed
 
 
-def _clipped(problem: _Problem, qpos: Floats) -> Floats:
+def _clipped(problem: Problem, qpos: Floats) -> Floats:
     return np.clip(qpos, problem.lower, problem.upper)

@@ -21,9 +21,10 @@ from physretarget.capture.actor import CONTACT_POINTS, NQ, ActorShape
 from physretarget.errors import InputError
 from physretarget.mapping.track import track
 from physretarget.options.retargeting import LONGEST_DELAY
-from physretarget.stream.body import Body, Solver
+from physretarget.stream.body import Body
 from physretarget.stream.place import Heading, Placer
 from physretarget.stream.plant import Planter
+from physretarget.stream.pose import Follower
 from physretarget.stream.touch import Touch, Toucher
 from physretarget.stream.turns import about, quat_product
 from physretarget.trained import TrainedMapper
@@ -33,11 +34,6 @@ __all__ = ["LONGEST_DELAY", "Posed", "Streamer"]
 Array = NDArray[np.float64]
 
 NOWHERE = np.zeros(2)
-FIRST, ANEW = 30, 8
-"""Gauss-Newton steps at most from the nearest key pose, in the first frame and in a later one."""
-LOST, BETTER = 0.03, 0.5
-"""A pose whose markers miss by more than this, in heights, is sought anew; what is found is taken
-if it misses by less than this share."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,8 +81,7 @@ class Streamer:
         self.tracker = track(mapper.mapper)
         self.actor = Body(mapper.actor)
         self.body = Body(character)
-        self.pose = Solver(character, character.markers, steps=2)
-        self.pose.lock(np.arange(character.root_dof, character.root_dof + 2))
+        self.follower = Follower(character)
         self.root = character.root_qpos
         self.own_heading = Heading(character.front, character.up)
         self.actor_heading = Heading(mapper.actor.front, mapper.actor.up)
@@ -95,7 +90,6 @@ class Streamer:
         self.toucher = Toucher(ActorShape.reference().leg_length)
         self.planter = Planter(character)
         self.order = [mapper.actor.tied.index(name) for name in CONTACT_POINTS]
-        self.before: Array | None = None
         self.last = -math.inf
         self.frames = 0
         self.waiting: deque[_Waiting] = deque()
@@ -118,8 +112,9 @@ class Streamer:
         y, com, points, yaw = self._seen(actor_qpos)
         mapped = self.tracker.next(y)
         target = mapped.mean[0].reshape(-1, 3)
-        local = self._facing_forward(self._fitted(y, target))
-        self.before = local
+        nearest = self.mapper.nearest_pose(y[None])[0]
+        local = self._facing_forward(self.follower.next(target, step, nearest))
+        self.follower.before = local
         placed = self._moved(local, yaw, self.placer.next(yaw, com, self.body.com(local)))
         touch = self.toucher.next(points, step)
         if planted is not None:
@@ -170,28 +165,6 @@ class Streamer:
         local[:, :2] = local[:, :2] @ _rotation(yaw)
         points = self.actor.points(self.mapper.actor.contacts)
         return local.ravel(), com, points[self.order], yaw
-
-    def _fitted(self, y: Array, target: Array) -> Array:
-        """The pose (nq,) whose markers come closest to ``target`` (K, 3).
-
-        Sought from the last pose on; where that leads to nothing, as after a motion that no key
-        pose is like, from the nearest key pose, as in the batch path.
-        """
-        if self.before is None:
-            return self.pose.solve(self.mapper.nearest_pose(y[None])[0], target, steps=FIRST)
-        found = self.pose.solve(self.before, target)
-        miss = self._miss(found, target)
-        if miss > LOST * self.character.height:
-            anew = self.pose.solve(self.mapper.nearest_pose(y[None])[0], target, steps=ANEW)
-            if self._miss(anew, target) < BETTER * miss:
-                return anew
-        return found
-
-    def _miss(self, qpos: Array, target: Array) -> float:
-        """RMS distance of a pose's markers from where they should be, m."""
-        self.body.pose(qpos)
-        away = (self.body.points(self.character.markers) - target).ravel()
-        return math.sqrt(float(away @ away) / len(target))
 
     def _facing_forward(self, qpos: Array) -> Array:
         self.body.pose(qpos)

@@ -15,7 +15,7 @@ from physretarget.kinematics import (
     points,
     solve,
 )
-from physretarget.kinematics.solver import _add_prior, _problem, normal_equations
+from physretarget.kinematics.solver import add_prior, normal_equations, pose_problem
 
 
 def arm(free: bool = True) -> Tree:
@@ -53,7 +53,7 @@ def test_normal_equations_equal_the_dense_jacobian():
     target = rng.standard_normal((5, 20, 3))
     weight = rng.random((5, 20))
     some = PointTargets(BODY, LOCAL, target, weight)
-    problem = _problem(TREE, qpos, [some], None, None, None, None, 0.0)
+    problem = pose_problem(TREE, qpos, [some], None, None, None, None, 0.0)
     pose = forward(TREE, qpos)
     error = problem.errors(pose)
     matrix, gradient = normal_equations(TREE, qpos, pose, problem, error)
@@ -128,9 +128,9 @@ def test_uneven_priors_have_the_right_slope():
     qpos, prior = motion(6, scale=1.0), motion(6, scale=1.0, seed=4)
     weight = np.random.default_rng(1).random(TREE.nv)
     none = PointTargets(BODY, LOCAL, np.full((6, 20, 3), np.nan))
-    problem = _problem(TREE, qpos, [none], None, None, None, prior, weight)
+    problem = pose_problem(TREE, qpos, [none], None, None, None, prior, weight)
     matrix, gradient = np.zeros((6, TREE.nv, TREE.nv)), np.zeros((6, TREE.nv))
-    _add_prior(problem, qpos, matrix, gradient)
+    add_prior(problem, qpos, matrix, gradient)
     h = 1e-6
     for dof in range(TREE.nv):
         step = np.zeros((6, TREE.nv))
