@@ -98,11 +98,13 @@ def main() -> None:
                 spent = (clock.process_time() - began) / mapped.clip.duration
                 figures = (*judged(mapper.character, mean, qpos, fps), 1000.0 * spent)
                 rows.setdefault((name, way), []).append(figures)
-    print("| character | way | clips | largest step, ° (mean, worst) | 99th percentile, ° |", end="")
+    print(
+        "| character | way | clips | largest step, ° (mean, worst) | 99th percentile, ° |", end=""
+    )
     print(" jumps after holds | markers' miss, % | ms per s |\n|---|---|---|---|---|---|---|---|")
     for (name, way), found in rows.items():
         table = np.array(found)
-        step, high, jumps, miss, cost = table.mean(axis=0)
+        step, high, _, miss, cost = table.mean(axis=0)
         print(
             f"| {name} | {way} | {len(table)} | {step:.0f}, {table[:, 0].max():.0f} | {high:.0f} | "
             f"{int(table[:, 2].sum())} | {miss:.2f} | {cost:.0f} |"

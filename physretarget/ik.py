@@ -153,9 +153,7 @@ class _Clip:
     fps: float
     settings: IkSettings
 
-    def solved(
-        self, stride: int, starts: list[Floats], iterations: int
-    ) -> tuple[Ints, Floats]:
+    def solved(self, stride: int, starts: list[Floats], iterations: int) -> tuple[Ints, Floats]:
         """Every ``stride``-th frame and its pose. The last frame may lie beyond the clip's end."""
         character, settings = self.character, self.settings
         grid = np.arange(0, len(self.target) + stride - 1, stride)

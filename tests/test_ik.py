@@ -174,7 +174,11 @@ def test_speed_costs_what_it_says():
     qpos[:, 7] = np.radians(-40.0) + swing
     asked = features(wing, qpos)
     shares = {}
-    for settings in (ik.IkSettings(), ik.IkSettings(velocity_s=2e-3), ik.IkSettings(acceleration_s2=9e-5)):
+    for settings in (
+        ik.IkSettings(),
+        ik.IkSettings(velocity_s=2e-3),
+        ik.IkSettings(acceleration_s2=9e-5),
+    ):
         found = ik.follow(wing, asked, 60.0, start=qpos, settings=settings).qpos[100:500, 7]
         shares[settings] = np.ptp(found) / np.ptp(swing)
     usual, slow, heavy = shares.values()

@@ -64,6 +64,7 @@ class Problem:
     free: Bools  # (nv,)
 
     def of(self, frames: Ints | slice | Bools) -> Problem:
+        """The same for some of the frames."""
         return replace(
             self,
             target=self.target[frames],
@@ -72,9 +73,11 @@ class Problem:
         )
 
     def errors(self, pose: Pose) -> Floats:
+        """(T, K, 3) from each target to its point, m."""
         return points(pose, self.body, self.local) - self.target
 
     def cost(self, qpos: Floats, error: Floats) -> Floats:
+        """(T,) half the weighted squares of errors and of what the pose is off the prior, m²."""
         near = np.einsum("tk,tkc,tkc->t", self.weight, error, error)
         if self.prior_weight.any():
             away = difference(self.tree, self.prior, qpos)
@@ -143,6 +146,7 @@ def pose_problem(
     prior: Floats | None,
     prior_weight: Floats | float,
 ) -> Problem:
+    """The cost of a batch of frames, from the arguments of :func:`solve`."""
     if not targets:
         raise UsageError("solve needs at least one PointTargets.")
     target = np.concatenate([np.asarray(t.target, dtype=np.float64) for t in targets], axis=1)

@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.lapack import dpbsv
 from scipy.ndimage import minimum_filter1d, uniform_filter1d
 
@@ -188,9 +187,7 @@ class _Window:
     def _step(self, now: _State, damping: float) -> Floats:
         """The damped Gauss–Newton step (T, nv), zero along locked dofs and against bounds."""
         problem = self.problem
-        matrix, gradient = normal_equations(
-            problem.tree, now.qpos, now.pose, problem, now.error
-        )
+        matrix, gradient = normal_equations(problem.tree, now.qpos, now.pose, problem, now.error)
         if problem.prior_weight.any():
             add_prior(problem, now.qpos, matrix, gradient)
         gradient += self._pull(now.qpos)
