@@ -18,7 +18,7 @@ from physretarget.contact.phases import runs
 from physretarget.errors import InputError, UsageError
 from physretarget.groundtruth import coverage, foot_agreement, load_trial, standing_weight
 from physretarget.kinetics import forces, ground_wrench
-from physretarget.kinetics.flight import vertical_gain
+from physretarget.kinetics.flight import Flights, measure_flights
 from physretarget.kinetics.picture import write_picture
 from physretarget.kinetics.treadmill import belt_velocity
 from physretarget.mjcf import actor_character, momentum
@@ -135,7 +135,7 @@ def test_a_hopper_whose_organs_lag_is_predicted_within_5_percent(hop):
     # The control: the same body taken for rigid is as wrong as runs were.
     rigid = ground_wrench(hop.motion, hz=20.0)
     weight = found.weight
-    uncorrected = weight + (rigid.force[inside, 2] - weight) * rigid.gain
+    uncorrected = weight + (rigid.force[inside, 2] - weight) * rigid.flights.gain
     assert slope(uncorrected, hop.force[inside]) > 1.12
 
 
@@ -148,22 +148,30 @@ def test_the_gain_is_that_of_flights_and_one_without():
     time = np.arange(400) / 100.0
     airborne = (time % 0.4) > 0.25
     height = -0.5 * 1.15 * G * ((time % 0.4) - 0.33) ** 2
-    gain, flights = vertical_gain(height, airborne, time)
-    assert flights == 9
-    assert gain == pytest.approx(1.15, abs=0.01)
-    assert vertical_gain(height, np.zeros(400, dtype=bool), time) == (1.0, 0)
+    found = measure_flights(height, airborne, time)
+    assert found.count == 9
+    assert found.gain == pytest.approx(1.15, abs=0.01)
+    assert measure_flights(height, np.zeros(400, dtype=bool), time) == Flights()
     # Who stands on something unseen, or hangs, does not fall: that is no flight.
-    assert vertical_gain(np.ones(400), airborne, time) == (1.0, 0)
+    assert measure_flights(np.ones(400), airborne, time) == Flights()
 
 
 def test_a_flight_too_short_to_measure_hardly_counts():
     time = np.arange(200) / 60.0
     airborne = np.zeros(200, dtype=bool)
     airborne[99:104] = True
-    height = -0.5 * 1.5 * G * (time - time[101]) ** 2
-    gain, flights = vertical_gain(height, airborne, time)
-    assert flights == 1
-    assert gain == pytest.approx(1.08, abs=0.03)
+    height = -0.5 * 1.3 * G * (time - time[101]) ** 2
+    found = measure_flights(height, airborne, time)
+    assert found.count == 1
+    assert found.gain == pytest.approx(1.05, abs=0.02)
+
+
+def test_a_wrong_frame_rate_is_said_and_not_corrected(hop):
+    slow = replace(hop.motion, time=hop.motion.time * 1.45, fps=FPS / 1.45)
+    found = forces(slow)
+    assert found.vertical_gain == 1.0
+    assert any("frame rate" in note and "fall at 0.5" in note for note in found.notes)
+    assert not any("frame rate" in note for note in forces(hop.motion).notes)
 
 
 def test_contact_found_a_little_late_does_not_blur_a_flight():
@@ -171,9 +179,9 @@ def test_contact_found_a_little_late_does_not_blur_a_flight():
     phase = time % 0.4
     acceleration = np.where((phase > 0.25) & (phase < 0.386), -1.1 * G, 30.0)
     height = np.cumsum(np.cumsum(acceleration)) / 500.0**2
-    gain, flights = vertical_gain(height, phase > 0.25, time)  # the last 14 ms are on the floor
-    assert flights == 4
-    assert gain == pytest.approx(1.1, abs=0.01)
+    found = measure_flights(height, phase > 0.25, time)  # the last 14 ms are on the floor
+    assert found.count == 4
+    assert found.gain == pytest.approx(1.1, abs=0.01)
 
 
 def test_impulse_over_whole_hops_is_weight_times_time(hop):

@@ -10,6 +10,8 @@ capture can: their acceleration must be g.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,10 +27,29 @@ _EDGE_FRAMES = 1.5
 _NOISE = 5e-4  # m, of a fitted centre of mass about a parabola: 0.2 to 0.5 mm in jumps
 _SCATTER = 0.05  # between the flights of one body, as a share of g: limbs move differently
 _SPREAD = 0.2  # between bodies: the middle of the 14 to 36 % of Le Mouel 2025, either way
+WORST = (
+    0.36  # off g: the worst model of Le Mouel 2025; more is no body's but a clock's or a scale's
+)
 _FALLS = (0.5, 1.6)  # g: what falls slower or faster is no flight but an unseen support
 
 
-def vertical_gain(height: Floats, airborne: Bools, time: Floats) -> tuple[float, int]:
+@dataclass(frozen=True, kw_only=True)
+class Flights:
+    """What the flights of a motion show.
+
+    Attributes:
+        count: of flights that can be measured.
+        fall: their mean acceleration, in g; 1 where there are none.
+        gain: change of predicted vertical force per change of the true one; 1 is perfect, and
+            stands where ``fall`` is so far off that it cannot be the body's (``WORST``).
+    """
+
+    count: int = 0
+    fall: float = 1.0
+    gain: float = 1.0
+
+
+def measure_flights(height: Floats, airborne: Bools, time: Floats) -> Flights:
     """By how much a fitted centre of mass moves more than the body's, and from how many flights.
 
     Every flight gives the acceleration of a parabola through it, in g; their mean, weighted by
@@ -38,13 +59,9 @@ def vertical_gain(height: Floats, airborne: Bools, time: Floats) -> tuple[float,
         height: (T,) m of the centre of mass, not filtered: a filter carries stance into flight.
         airborne: (T,) frames in which nothing touches.
         time: (T,) s.
-
-    Returns:
-        The gain: change of predicted vertical force per change of the true one, 1 is perfect;
-        and the number of flights that it comes from.
     """
     if len(time) < 4:
-        return 1.0, 0
+        return Flights()
     edge = max(_EDGE, _EDGE_FRAMES * float(time[-1] - time[0]) / (len(time) - 1)) - 1e-6
     accelerations, weights = [], []
     for first, last in runs(airborne):
@@ -62,10 +79,12 @@ def vertical_gain(height: Floats, airborne: Bools, time: Floats) -> tuple[float,
         accelerations.append(fall)
         weights.append(1 / (_parabola_error(moment) ** 2 + _SCATTER**2))
     if not accelerations:
-        return 1.0, 0
-    certainty = float(np.sum(weights))
-    found = float(np.dot(weights, accelerations))
-    return (found + 1 / _SPREAD**2) / (certainty + 1 / _SPREAD**2), len(accelerations)
+        return Flights()
+    certainty, usual = float(np.sum(weights)), 1 / _SPREAD**2
+    fall = float(np.dot(weights, accelerations)) / certainty
+    gain = (certainty * fall + usual) / (certainty + usual)
+    bodily = abs(fall - 1) <= WORST
+    return Flights(count=len(accelerations), fall=fall, gain=gain if bodily else 1.0)
 
 
 def _parabola_error(time: Floats) -> float:

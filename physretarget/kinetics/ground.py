@@ -14,7 +14,7 @@ from physretarget.capture.actor import ActorMotion
 from physretarget.capture.mot import GroundForce, write_forces
 from physretarget.errors import InputError, UsageError
 from physretarget.kinetics.feet import FootForce, shared
-from physretarget.kinetics.flight import GRAVITY
+from physretarget.kinetics.flight import GRAVITY, WORST
 from physretarget.kinetics.wrench import GroundWrench, ground_wrench
 from physretarget.options.forces import ForcesOptions
 
@@ -99,7 +99,7 @@ class GroundForces:
         ):
             peak = float(foot.force[:, 2].max()) / self.weight
             lines.append(f"{name + ' foot:':11s} on the floor {on.mean():.0%}, peak {peak:.2f} BW")
-        if self.flights:
+        if self.vertical_gain != 1.0:
             lines.append(
                 f"{self.flights} flights: the fitted centre of mass moved "
                 f"{100 * (self.vertical_gain - 1):+.1f} % against g, which is corrected"
@@ -156,8 +156,9 @@ def forces(
     notes += _notes(motion, wrench, outside)
     return GroundForces(
         time=motion.time, left=both.left, right=both.right, contact=contact,
-        mass=float(motion.shape.mass), lowpass_hz=lowpass_hz, vertical_gain=wrench.gain,
-        flights=wrench.flights, outside_m=outside, start=motion.source.start, notes=tuple(notes),
+        mass=float(motion.shape.mass), lowpass_hz=lowpass_hz, vertical_gain=wrench.flights.gain,
+        flights=wrench.flights.count, outside_m=outside, start=motion.source.start,
+        notes=tuple(notes),
     )  # fmt: skip
 
 
@@ -166,6 +167,12 @@ def _notes(motion: ActorMotion, wrench: GroundWrench, outside: Floats) -> list[s
     if wrench.belt.any():
         speed = float(np.linalg.norm(wrench.belt))
         notes.append(f"a treadmill: its belt runs at {speed:.2f} m/s")
+    fall = wrench.flights.fall
+    if abs(fall - 1) > WORST:
+        notes.append(
+            f"its flights fall at {fall:.2f} g, which no body does: frame rate, unit or a contact "
+            "that was not found are in doubt, and nothing was corrected by them"
+        )
     other = int(wrench.phases.active[:, _FEET:].any(axis=1).sum())
     if other:
         notes.append(

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from physretarget.capture.actor import ActorMotion
 from physretarget.contact import Phases, detect_phases
-from physretarget.kinetics.flight import GRAVITY, vertical_gain
+from physretarget.kinetics.flight import GRAVITY, Flights, measure_flights
 from physretarget.kinetics.treadmill import belt_velocity, over_ground
 from physretarget.mjcf import (
     Character,
@@ -27,17 +27,16 @@ Floats = NDArray[np.float64]
 class GroundWrench:
     """``force`` (T, 3) N and ``moment`` (T, 3) N m about ``com`` (T, 3) m, world axes, z up.
 
-    Smooth: low-passed as the motion is. ``phases``: when the actor's points touch. ``gain``:
-    by how much the fitted centre of mass moves more than the body's (:func:`vertical_gain`),
-    which ``force`` no longer does; ``flights`` that tell it. ``belt`` (2,) m/s of a treadmill.
+    Smooth: low-passed as the motion is. ``phases``: when the actor's points touch.
+    ``flights``: how they fall, and the gain that ``force`` is corrected by. ``belt`` (2,) m/s of
+    a treadmill.
     """
 
     force: Floats
     moment: Floats
     com: Floats
     phases: Phases
-    gain: float
-    flights: int
+    flights: Flights
     belt: Floats
 
 
@@ -60,14 +59,14 @@ def ground_wrench(
     at_rest = np.zeros((len(motion.qpos), character.model.nv))
     height = momentum(character, motion.qpos, at_rest).com[:, 2]
     airborne = ~phases.active.any(axis=1) & motion.valid
-    gain, flights = vertical_gain(height, airborne, motion.time)
+    flights = measure_flights(height, airborne, motion.time)
     qpos = motion.qpos if hz is None else lowpass(character, motion.qpos, motion.fps, hz)
     wrench = required_wrench(character, qpos, *derivatives(character, qpos, motion.time))
     force = wrench.force.copy()
     weight = character.mass * GRAVITY
-    force[:, 2] = weight + (force[:, 2] - weight) / gain
+    force[:, 2] = weight + (force[:, 2] - weight) / flights.gain
     moment = wrench.moment + np.cross(wrench.root - wrench.com, wrench.force)
     return GroundWrench(
         force=force, moment=moment, com=wrench.com, phases=phases,
-        gain=gain, flights=flights, belt=belt,
+        flights=flights, belt=belt,
     )  # fmt: skip
