@@ -137,6 +137,8 @@ TARGETS: dict[str, Callable[[bytes, str], None]] = {
     "npy": _clip(".npy"),
     "csv": _clip(".csv"),
     "pkl": _clip(".pkl"),
+    "motion": _clip(".motion"),
+    "parquet": _clip(".parquet"),
     "config": _config,
     "baseline": _baseline,
     "mjcf": _mjcf,

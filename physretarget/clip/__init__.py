@@ -1,8 +1,9 @@
 """A clip: a character's motion as qpos over time, ours or another tool's.
 
-``load_clip`` reads our own npz and the formats of LocoMuJoCo, mjlab/BeyondMimic, holosoma,
-LAFAN1-style and ProtoMotions csv, GMR pkl and plain qpos arrays; every guess it makes is
-a sentence in ``Clip.notes``. ``open_clip`` reads the same some frames at a time.
+``load_clip`` reads our own npz and the formats of LocoMuJoCo, mjlab and BeyondMimic, Isaac Lab,
+holosoma, ProtoMotions, GMR, PHC and ASAP, LAFAN1-style, BONES-SEED and LeRobot tables, and plain
+qpos arrays; every guess it makes is a sentence in ``Clip.notes``.
+``open_clip`` reads the same some frames at a time.
 """
 
 from __future__ import annotations

@@ -172,7 +172,7 @@ class Members(Mapping[str, NDArray[Any]]):
                 io.BytesIO(content) if isinstance(content, bytes) else content
             )
             entries = self._archive.infolist()
-        except _ZIP_DAMAGE as error:
+        except ZIP_DAMAGE as error:
             raise InputError("is not a readable npz (zip) file.", path=path) from error
         self._entries = {
             entry.filename.removesuffix(".npy"): entry
@@ -238,7 +238,7 @@ class Members(Mapping[str, NDArray[Any]]):
 
 # What zipfile raises of damaged archives; a stranger's compression or a password is NotImplemented
 # or Runtime.
-_ZIP_DAMAGE = (
+ZIP_DAMAGE = (
     zipfile.BadZipFile, EOFError, OSError, NotImplementedError, RuntimeError, ValueError,
     IndexError, struct.error, zlib.error, lzma.LZMAError,
 )  # fmt: skip
@@ -266,7 +266,7 @@ class _Member:
     def _damage(self) -> Iterator[None]:
         try:
             yield
-        except _ZIP_DAMAGE as error:
+        except ZIP_DAMAGE as error:
             raise InputError(
                 f"array '{self._name}' is damaged in the file.", path=self._path
             ) from error

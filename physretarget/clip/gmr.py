@@ -1,13 +1,15 @@
-"""GMR's pickle: fps, root_pos, root_rot (xyzw), dof_pos."""
+"""GMR's pickle: fps, root_pos, root_rot (xyzw), dof_pos; and PHC's and ASAP's, by other names."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from physretarget.clip.arrays import Frames, Members, as_floats, texts
+from physretarget.clip.joblib_pickle import MARK, unpickle_joblib
 from physretarget.clip.pickles import unpickle
 from physretarget.clip.raw import Raw, rows_of
 from physretarget.errors import InputError
@@ -15,13 +17,20 @@ from physretarget.errors import InputError
 
 def read(content: bytes, *, path: str, sha256: str) -> Raw:
     """Read a GMR pickle without running anything of it."""
-    value = unpickle(content, path=path)
-    if isinstance(value, dict) and len(value) == 1 and "root_pos" not in value:
-        only = next(iter(value.values()))  # some collections wrap one motion under its name
-        value = only if isinstance(only, dict) else value
+    joblib = MARK in content
+    value = (unpickle_joblib if joblib else unpickle)(content, path=path)
+    notes: tuple[str, ...] = ()
+    if isinstance(value, dict) and value and all(isinstance(v, dict) for v in value.values()):
+        # Collections keep motions under their names.
+        name = next(iter(value))
+        if len(value) > 1:
+            notes = (f"The file holds {len(value)} motions; the first, '{name!s:.80}', is read.",)
+        value = value[name]
     if not isinstance(value, dict):
         raise InputError(f"the pickle holds a {type(value).__name__}, not a dict.", path=path)
-    return from_mapping(_renamed(value), path=path, sha256=sha256, format="GMR pkl")
+    form = "joblib pkl" if joblib else "GMR pkl"
+    raw = from_mapping(_renamed(value), path=path, sha256=sha256, format=form)
+    return replace(raw, notes=(*raw.notes, *notes))
 
 
 def _renamed(value: dict[Any, Any]) -> dict[Any, Any]:

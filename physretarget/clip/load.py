@@ -9,7 +9,17 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
-from physretarget.clip import gmr, locomujoco, mjlab, own, plain, table
+from physretarget.clip import (
+    gmr,
+    isaaclab,
+    lerobot,
+    locomujoco,
+    mjlab,
+    own,
+    plain,
+    protomotions,
+    table,
+)
 from physretarget.clip.arrays import MAX_BYTES, Members, npy_frames
 from physretarget.clip.core import Clip, LongClip
 from physretarget.clip.raw import Layout, Raw, Told, finish, order_of
@@ -17,7 +27,8 @@ from physretarget.clip.unit import unit_scale
 from physretarget.errors import InputError
 from physretarget.options.motion import JointOrder
 
-CLIP_SUFFIXES = (".npz", ".npy", ".csv", ".pkl")
+CLIP_SUFFIXES = (".npz", ".npy", ".csv", ".pkl", ".motion", ".parquet")
+_POINTER = b"version https://git-lfs"
 
 
 def load_clip(
@@ -65,6 +76,7 @@ def open_clip(
             path=source,
         )
     with _opened(source) as file:
+        _refuse_pointer(file, str(source))
         raw = _read(file, suffix, str(source), character, told)
         return finish(raw, character, told)
 
@@ -84,6 +96,16 @@ def _opened(source: Path) -> Iterator[IO[bytes]]:
         yield file
 
 
+def _refuse_pointer(file: IO[bytes], path: str) -> None:
+    """What git-lfs leaves in a file's place is called what it is."""
+    head = file.read(len(_POINTER))
+    file.seek(0)
+    if head == _POINTER:
+        raise InputError(
+            "is a git-lfs pointer, not the clip: fetch the file itself (git lfs pull).", path=path
+        )
+
+
 def _read(file: IO[bytes], suffix: str, path: str, character: Layout | None, told: Told) -> Raw:
     digest = hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type]
     size = file.tell()
@@ -92,6 +114,10 @@ def _read(file: IO[bytes], suffix: str, path: str, character: Layout | None, tol
         return table.read(file, path=path, sha256=digest)
     if suffix == ".pkl":
         return gmr.read(file.read(), path=path, sha256=digest)
+    if suffix == ".motion":
+        return protomotions.read(file, path=path, sha256=digest)
+    if suffix == ".parquet":
+        return lerobot.read(file, path=path, sha256=digest)
     if suffix == ".npy":
         array = npy_frames(lambda: _from_start(file), size=size, ndim=2, path=path)
         return plain.from_qpos(array, path=path, sha256=digest)
@@ -109,10 +135,14 @@ def _read_npz(members: Members, digest: str, character: Layout | None, told: Tol
         return own.read(members, sha256=digest)
     if {"qpos", "frequency"} <= set(members):
         return locomujoco.read(members, sha256=digest)
+    if {"joint_pos", "base_pos_w", "base_quat_w"} <= set(members):
+        return isaaclab.read(members, sha256=digest)
     if "joint_pos" in members:
         return mjlab.read(members, sha256=digest, character=character, told=told)
     if "qpos" in members:
         return plain.read(members, sha256=digest)
+    if sum(name.startswith("q_") for name in members) > 1:
+        return locomujoco.read_columns(members, sha256=digest)
     if {"root_pos", "root_rot", "dof_pos"} <= set(members):
         return gmr.from_mapping(members, path=path, sha256=digest, format="GMR npz")
     raise InputError(

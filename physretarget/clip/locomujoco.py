@@ -1,9 +1,15 @@
-"""LocoMuJoCo's trajectory npz: qpos, qvel, frequency, joint_names, split_points."""
+"""LocoMuJoCo's trajectory npz: qpos, qvel, frequency, joint_names, split_points.
+
+Its first datasets have one array for each joint instead, named ``q_JOINT``, at 500 Hz cut to 100.
+"""
 
 from __future__ import annotations
 
-from physretarget.clip.arrays import Members
+import numpy as np
+
+from physretarget.clip.arrays import Frames, Members, as_floats
 from physretarget.clip.raw import Raw, rows_of
+from physretarget.errors import InputError
 
 
 def read(members: Members, *, sha256: str) -> Raw:
@@ -29,4 +35,39 @@ def read(members: Members, *, sha256: str) -> Raw:
         order="wxyz",
         fps=members.scalar("frequency"),
         notes=notes,
+    )
+
+
+def read_columns(members: Members, *, sha256: str) -> Raw:
+    """Read a dataset of one array for each joint; the joints are put in order by their names.
+
+    Args:
+        members: The arrays of the npz.
+        sha256: The file's hash.
+
+    Raises:
+        InputError: The arrays differ in length, or one is no column.
+    """
+    names = [name for name in members if name.startswith("q_")]
+    columns = []
+    for name in names:
+        array = np.asarray(members[name])
+        columns.append(as_floats(array.reshape(len(array), -1) if array.ndim else array,
+                                 name=name, ndim=2, path=members.path))  # fmt: skip
+    lengths = {len(column) for column in columns}
+    if len(lengths) != 1:
+        raise InputError(
+            f"the arrays {', '.join(names[:4])} … have {len(lengths)} different lengths.",
+            path=members.path,
+        )
+    rate = next((members.scalar(n) for n in ("frequency", "fps") if n in members), None)
+    return Raw(
+        format="LocoMuJoCo npz",
+        path=members.path,
+        sha256=sha256,
+        rows=rows_of(*(Frames.of(column) for column in columns)),
+        joints=tuple(name.removeprefix("q_") for name in names),
+        rooted=False,
+        order="wxyz",
+        fps=rate,
     )

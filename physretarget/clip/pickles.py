@@ -7,6 +7,7 @@ arrays; any other name it asks for ends the reading before anything is called.
 from __future__ import annotations
 
 import io
+import math
 import pickle
 import pickletools
 from collections.abc import Callable
@@ -20,36 +21,100 @@ _ARRAY_MODULES = ("numpy.core.multiarray", "numpy._core.multiarray")
 _BUFFER_MODULES = ("numpy.core.numeric", "numpy._core.numeric")
 # Objects by persistent id, by extension registry, or built through a class: never needed.
 _DEPTH = 64  # of containers in containers; NumPy has arrays of 64 dimensions at most
-_FORBIDDEN = {"PERSID", "BINPERSID", "EXT1", "EXT2", "EXT4", "INST", "OBJ", "NEWOBJ", "NEWOBJ_EX"}
+FORBIDDEN = {"PERSID", "BINPERSID", "EXT1", "EXT2", "EXT4", "INST", "OBJ", "NEWOBJ", "NEWOBJ_EX"}
+
+
+DAMAGE = (
+    pickle.UnpicklingError, ValueError, TypeError, EOFError, KeyError, IndexError, AttributeError,
+    ImportError, MemoryError, RecursionError, OverflowError, SystemError, UnicodeError,
+)  # fmt: skip
+"""What damaged pickles raise."""
 
 
 class _NdarrayName:
     """Stands for numpy.ndarray, so that a pickle can name the class but not call it."""
 
 
+class _Dtype:
+    """A data type under construction; NumPy's own restoring trusts its input, and crashes."""
+
+    def __init__(self, code: str) -> None:
+        self.value = np.dtype(code)
+
+    def __setstate__(self, state: Any) -> None:
+        """Take the byte order alone: plain types have nothing else to restore."""
+        order = state[1] if isinstance(state, tuple) and len(state) >= 5 else None
+        if order not in ("<", ">", "|", "=") or any(part is not None for part in state[2:5]):
+            raise pickle.UnpicklingError("a data type that is no plain one")
+        if order in ("<", ">"):
+            self.value = self.value.newbyteorder(order)
+
+
+class _Array(np.ndarray[Any, Any]):
+    """An array under construction."""
+
+    def __setstate__(self, state: Any) -> None:
+        """Take shape, type and data that fit together, and nothing else."""
+        if not isinstance(state, tuple) or len(state) != 5:
+            raise pickle.UnpicklingError("an array of an unknown version")
+        _, shape, dtype, fortran, data = state
+        kind = plain_dtype(dtype)
+        count = element_count(shape)
+        if kind.hasobject:
+            fits = isinstance(data, list) and len(data) == count
+        else:
+            fits = isinstance(data, bytes) and len(data) == count * kind.itemsize
+        if not fits:
+            raise pickle.UnpicklingError("an array whose data do not fill its shape")
+        given: Any = (1, shape, kind, bool(fortran), data)  # NumPy's stubs want their own bool
+        super().__setstate__(given)
+
+
+def plain_dtype(value: Any) -> np.dtype[Any]:
+    """The data type that a pickle has restored."""
+    if not isinstance(value, _Dtype):
+        raise pickle.UnpicklingError("something else than a data type")
+    return value.value
+
+
+def element_count(shape: Any) -> int:
+    """Elements of a shape of plain numbers."""
+    sound = isinstance(shape, tuple) and len(shape) <= _DEPTH
+    if not sound or not all(isinstance(n, int) and n >= 0 for n in shape):
+        raise pickle.UnpicklingError("a shape that is none")
+    return math.prod(shape)
+
+
+RESTORED = (_Dtype, _Array)
+"""What a pickle may give a state to."""
+
+
 def _reconstruct(kind: Any, shape: Any, code: Any) -> np.ndarray[Any, Any]:
     # NumPy pickles always start from an empty array; a large shape here is an attack.
     if kind is not _NdarrayName or shape != (0,):
         raise pickle.UnpicklingError("an array starts from something else than nothing")
-    return np.ndarray((0,), "b")
+    return _Array((0,), "b")
 
 
 def _frombuffer(buffer: Any, dtype: Any, shape: Any, order: str) -> np.ndarray[Any, Any]:
-    if not isinstance(dtype, np.dtype) or dtype.hasobject:
+    kind = plain_dtype(dtype)
+    if kind.hasobject:
         raise pickle.UnpicklingError("a buffer of objects")
-    return np.frombuffer(buffer, dtype=dtype).reshape(shape, order="F" if order == "F" else "C")
+    element_count(shape)
+    return np.frombuffer(buffer, dtype=kind).reshape(shape, order="F" if order == "F" else "C")
 
 
 def _scalar(dtype: Any, data: Any) -> Any:
-    if not isinstance(dtype, np.dtype) or dtype.hasobject or not isinstance(data, bytes):
+    kind = plain_dtype(dtype)
+    if kind.hasobject or not isinstance(data, bytes):
         raise pickle.UnpicklingError("a scalar that is none")
-    return np.frombuffer(data, dtype=dtype, count=1)[0]
+    return np.frombuffer(data, dtype=kind, count=1)[0]
 
 
-def _dtype(code: Any, align: Any = False, copy: Any = False) -> np.dtype[Any]:
+def _dtype(code: Any, align: Any = False, copy: Any = False) -> _Dtype:
     if not isinstance(code, str) or len(code) > 16:
         raise pickle.UnpicklingError("a data type that is no plain one")
-    return np.dtype(code)
+    return _Dtype(code)
 
 
 def _encode(text: Any, encoding: Any) -> bytes:
@@ -65,26 +130,35 @@ class _Restricted(pickle.Unpickler):
         self._path = path
 
     def find_class(self, module: str, name: str) -> Any:
-        known: dict[tuple[str, str], Any] = {
-            ("numpy", "ndarray"): _NdarrayName,
-            ("numpy", "dtype"): _dtype,
-            ("_codecs", "encode"): _encode,
-            ("builtins", "bytes"): _empty_bytes,
-        }
-        known |= {(m, "_reconstruct"): _reconstruct for m in _ARRAY_MODULES}
-        known |= {(m, "scalar"): _scalar for m in _ARRAY_MODULES}
-        known |= {(m, "_frombuffer"): _frombuffer for m in _BUFFER_MODULES}
-        found: Callable[..., Any] | None = known.get((module, name))
-        if found is None:
-            raise UnsafeInputError(
-                f"the pickle asks for {module}.{name}, only NumPy arrays and plain containers "
-                "are admitted; nothing was run.",
-                path=self._path,
-            )
-        return found
+        return admitted_class(module, name, self._path)
 
     def persistent_load(self, pid: Any) -> Any:
         raise UnsafeInputError("the pickle refers to outside objects.", path=self._path)
+
+
+def admitted_class(module: str, name: str, path: str) -> Any:
+    """What stands for a name that a pickle asks for.
+
+    Raises:
+        UnsafeInputError: The name is none of arrays and plain containers.
+    """
+    known: dict[tuple[str, str], Any] = {
+        ("numpy", "ndarray"): _NdarrayName,
+        ("numpy", "dtype"): _dtype,
+        ("_codecs", "encode"): _encode,
+        ("builtins", "bytes"): _empty_bytes,
+    }
+    known |= {(m, "_reconstruct"): _reconstruct for m in _ARRAY_MODULES}
+    known |= {(m, "scalar"): _scalar for m in _ARRAY_MODULES}
+    known |= {(m, "_frombuffer"): _frombuffer for m in _BUFFER_MODULES}
+    found: Callable[..., Any] | None = known.get((module, name))
+    if found is None:
+        raise UnsafeInputError(
+            f"the pickle asks for {module}.{name}, only NumPy arrays and plain containers "
+            "are admitted; nothing was run.",
+            path=path,
+        )
+    return found
 
 
 def _empty_bytes(*args: Any) -> bytes:
@@ -99,27 +173,34 @@ def unpickle(content: bytes, *, path: str) -> Any:
     The stream is walked once beforehand, so that claimed lengths and memo slots beyond the
     file cannot make the reader allocate.
     """
-    _walk(content, path)
+    check_opcodes(content, path)
     try:
         value = _Restricted(content, path).load()
-        _check_written_out(value, len(content), path)
+        check_written_out(value, len(content), path)
         return value
     except InputError:
         raise
-    except (
-        pickle.UnpicklingError, ValueError, TypeError, EOFError, KeyError, IndexError,
-        AttributeError, ImportError, MemoryError, RecursionError, OverflowError, SystemError,
-        UnicodeError,
-    ) as error:  # fmt: skip
+    except DAMAGE as error:
         raise InputError("is not a readable pickle of arrays.", path=path) from error
 
 
-def _walk(content: bytes, path: str) -> None:
+def check_opcodes(content: bytes, path: str, admitted: frozenset[str] = frozenset()) -> None:
+    """Walk a pickle without running it.
+
+    Args:
+        content: Its bytes.
+        path: The file's name, for errors.
+        admitted: Opcodes that are allowed although they are forbidden elsewhere.
+
+    Raises:
+        UnsafeInputError: It builds objects, or claims absurd memory.
+        InputError: It is damaged.
+    """
     count = 0
     try:
         for opcode, argument, _ in pickletools.genops(content):
             count += 1
-            if opcode.name in _FORBIDDEN:
+            if opcode.name in FORBIDDEN - admitted:
                 raise UnsafeInputError(
                     f"the pickle builds objects ({opcode.name}), only NumPy arrays and plain "
                     "containers are admitted; nothing was run.",
@@ -134,7 +215,7 @@ def _walk(content: bytes, path: str) -> None:
         raise InputError("is not a readable pickle: cut off or damaged.", path=path) from error
 
 
-def _check_written_out(value: Any, length: int, path: str) -> None:
+def check_written_out(value: Any, length: int, path: str) -> None:
     """Refuse lists that name each other again and again: sixty of them make 2^60 elements.
 
     Whoever makes an array of such a list, or prints it, writes it out.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from typing import Protocol, cast
 
@@ -20,6 +20,8 @@ from physretarget.options.motion import JointOrder
 
 # A thousand kilometres, or 160 000 turns of a joint: damage, not motion.
 _ABSURD = 1e6
+# Rounding of float32 in a quaternion's norm.
+_UNIT = 1e-3
 _WIDTH = {"free": 7, "ball": 4, "hinge": 1, "slide": 1}
 
 
@@ -73,6 +75,7 @@ class Raw:
     ``rows`` (T, n): root position and quaternion (when ``rooted``) and then the joints, or a
     whole qpos. ``joints`` names what follows the root, or all joints, or is None when the
     file names nothing. ``order`` is the root quaternion's order where the format fixes it.
+    ``scale`` m to the unit of lengths and ``degrees``, joints in degrees, where the format says so.
     """
 
     format: str
@@ -90,12 +93,15 @@ class Raw:
     model_sha256: str = ""
     meta: dict[str, object] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    scale: float | None = None
+    degrees: bool = False
 
 
 def finish(raw: Raw, character: Layout | None, told: Told) -> LongClip:
     """Order, check and repair: the one way from any importer to a clip."""
     notes = list(raw.notes)
     _reject_nonfinite(raw)
+    raw = _cut_to_model(raw, character, notes)
     time = _time(raw, told, notes)
     columns = _model_order(raw, character, notes)
     quats = _quaternions(raw, character)
@@ -103,8 +109,13 @@ def finish(raw: Raw, character: Layout | None, told: Told) -> LongClip:
     if wanted == "xyzw":
         for quat in quats:
             columns[quat] = columns[np.roll(quat, 1)]
-    lengths = _lengths(raw, character)
-    rows = _arranged(raw, columns, quats, (lengths, told.scale), notes)
+    units = _Units(
+        lengths=_lengths(raw, character),
+        angles=_angles(raw, character, len(columns)) if raw.degrees else np.zeros(0, np.int64),
+        scale=told.scale if told.scale is not None else raw.scale,
+        told=told.scale is not None,
+    )
+    rows = _arranged(raw, columns, quats, units, notes)
     names = raw.joints or ()
     if character is not None:
         names = tuple(character.joint_names)
@@ -125,20 +136,75 @@ def finish(raw: Raw, character: Layout | None, told: Told) -> LongClip:
     )
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Units:
+    """Which columns are ``lengths``, ``scale`` m to the unit, and which ``angles`` in degrees."""
+
+    lengths: NDArray[np.int64]
+    angles: NDArray[np.int64]
+    scale: float | None
+    told: bool
+
+
+def _cut_to_model(raw: Raw, character: Layout | None, notes: list[str]) -> Raw:
+    """The file's columns that the model has: no root where its base is fixed, no object besides.
+
+    A robot's clip with an object carries the object's free joint behind the robot's coordinates.
+    """
+    if character is None:
+        return raw
+    nq, width = character.tree.nq, raw.rows.width
+    fixed = not any(joint.kind == "free" for joint in character.tree.joints)
+    named = len(raw.joints) if raw.joints is not None else width - 7
+    if fixed and raw.rooted and width - 7 == nq == named:
+        root = raw.rows.columns(np.arange(3))
+        moved = float(np.ptp(root, axis=0).max())
+        notes.append(
+            f"Model '{character.name}' has a fixed base: the root in the file, which moves by "
+            f"{moved:.3g} m, is left out."
+        )
+        return replace(raw, rows=_kept(raw.rows, slice(7, None), nq), rooted=False, order=None)
+    if raw.joints is None and raw.rooted and width == nq + 7 and nq > 7:
+        norm = np.linalg.norm(raw.rows.columns(np.arange(nq + 3, nq + 7)), axis=1)
+        if np.abs(norm - 1).max() < _UNIT:
+            notes.append(
+                f"The last 7 of {width} columns are a pose (of an object) that model "
+                f"'{character.name}' does not have, and are left out."
+            )
+            return replace(raw, rows=_kept(raw.rows, slice(0, nq), nq))
+    return raw
+
+
+def _kept(rows: Rows, columns: slice, width: int) -> Rows:
+    return Rows((part[:, columns] for _, part in rows.parts()), width)
+
+
+def _angles(raw: Raw, character: Layout | None, width: int) -> NDArray[np.int64]:
+    """The clip's coordinates that are hinges' angles."""
+    if character is None:
+        return np.arange(7 if raw.rooted else 0, width)
+    found = [joint.qpos for joint in character.tree.joints if joint.kind == "hinge"]
+    return np.array(found, dtype=np.int64)
+
+
 def _arranged(
     raw: Raw,
     columns: NDArray[np.int64],
     quats: NDArray[np.int64],
-    unit: tuple[NDArray[np.int64], float | None],
+    units: _Units,
     notes: list[str],
 ) -> Rows:
-    """The file's columns in the order of the clip, in metres, quaternions of unit length."""
-    metric, scale = unit
-    if scale is None and len(quats) == 0 and (columns == np.arange(raw.rows.width)).all():
+    """The file's columns in the order of the clip, in m and rad, quaternions of unit length."""
+    metric, scale = units.lengths, units.scale
+    as_it_is = scale is None and len(units.angles) == 0 and len(quats) == 0
+    if as_it_is and (columns == np.arange(raw.rows.width)).all():
         return raw.rows
     lengths = Lengths(path=raw.path)
     if scale is not None:
-        notes.append(f"Positions are read as told, {scale:g} m to the unit.")
+        how = "as told" if units.told else f"as {raw.format} has them"
+        notes.append(f"Positions are read {how}, {scale:g} m to the unit.")
+    if len(units.angles):
+        notes.append(f"Joint angles are read as {raw.format} has them, in degrees.")
 
     def parts() -> Iterator[Floats]:
         for first, part in raw.rows.parts():
@@ -146,6 +212,7 @@ def _arranged(
             lengths.repair(qpos, quats, first)
             if scale is not None:
                 qpos[:, metric] *= scale
+            qpos[:, units.angles] *= np.pi / 180
             yield qpos
 
     rows = Rows(parts(), len(columns))

@@ -1,17 +1,20 @@
 """csv: LAFAN1-style (xyzw) and ProtoMotions (wxyz) rows of root xyz, quaternion, joints.
 
 Neither states its frame rate or quaternion order: they are told, or the order is inferred
-when only one makes sense.
+when only one makes sense. BONES-SEED's and SONIC's have root angles, LeRobot's joints alone; their
+headers tell.
 """
 
 from __future__ import annotations
 
 import io
 from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import chain
 from typing import IO
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from physretarget.clip.core import Floats
 from physretarget.clip.quaternion import QuatOrder
@@ -58,13 +61,70 @@ def read(file: IO[bytes], *, path: str, sha256: str) -> Raw:
     if header and header[0].lower() in _TIME:
         times, header = [], header[1:]
         parts = _without_time(parts, times)
-    rows = Rows(parts, width - (times is not None))
-    order = _header_order(header)
+    width -= times is not None
+    dialect = _dialect(header)
+    if header is not None and dialect.rooted:
+        parts, width = _with_quaternions(parts), width + 1
+    rows = Rows(parts, width)
+    order = "wxyz" if dialect.rooted else _header_order(header)
+    if header is not None:
+        header = [dialect.bare(name) for name in header]
+        header = ["x", "y", "z", "w", *header[3:]] if dialect.rooted else header
     joints = None if header is None else tuple(header[7:] if order else header)
     return Raw(
-        format="csv", path=path, sha256=sha256, rows=rows, joints=joints, order=order,
+        format=dialect.format, path=path, sha256=sha256, rows=rows, joints=joints, order=order,
+        rooted=dialect.rooted or dialect.suffix == "",
+        scale=dialect.scale, degrees=dialect.degrees,
         time=None if times is None else np.concatenate(times), meta={"first_line": line},
     )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Dialect:
+    """What the names of a header say about its numbers.
+
+    ``suffix`` ends every joint's name; ``rooted``: the root is a translation and XYZ angles;
+    ``scale`` m to the unit of lengths; ``degrees``: joints (and root angles) are in degrees.
+    """
+
+    format: str = "csv"
+    suffix: str = ""
+    rooted: bool = False
+    scale: float | None = None
+    degrees: bool = False
+
+    def bare(self, name: str) -> str:
+        """A joint's name without what the dialect adds to it."""
+        name = name.removesuffix(self.suffix)
+        if self.suffix == ".pos":
+            for prefix in ("observation.state.", "observation.", "action."):
+                name = name.removeprefix(prefix)
+        return name
+
+
+_ROOT_ANGLES = [f"root_{kind}{axis}" for kind in ("translate", "rotate") for axis in "XYZ"]
+
+
+def _dialect(header: list[str] | None) -> _Dialect:
+    """Of LeRobot (columns ``*.pos``, degrees) or of BONES-SEED and SONIC (cm, degrees, ``*_dof``).
+
+    Both count joints in degrees; LeRobot's other convention, percent of a calibrated range, is no
+    angle and cannot be told from its names.
+    """
+    if not header:
+        return _Dialect()
+    if header[:6] == _ROOT_ANGLES and all(name.endswith("_dof") for name in header[6:]):
+        return _Dialect("BONES-SEED csv", "_dof", True, 0.01, True)
+    if all(name.endswith(".pos") for name in header):
+        return _Dialect("LeRobot csv", ".pos", degrees=True)
+    return _Dialect()
+
+
+def _with_quaternions(parts: Iterator[Floats]) -> Iterator[Floats]:
+    """Root angles in degrees, about the fixed x, y and z in this order, as quaternions wxyz."""
+    for part in parts:
+        turn = Rotation.from_euler("xyz", part[:, 3:6], degrees=True).as_quat(scalar_first=True)
+        yield np.concatenate([part[:, :3], turn, part[:, 6:]], axis=1)
 
 
 def _without_time(parts: Iterator[Floats], times: list[Floats]) -> Iterator[Floats]:
