@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
@@ -59,6 +59,7 @@ class Character:
         has_root: whether the root moves on a free joint.
         lower, upper: (nq,) limits of hinges and slides, infinite where there are none.
         notes: what was assumed, one sentence each.
+        source: the MJCF text it was compiled from.
     """
 
     name: str
@@ -85,6 +86,7 @@ class Character:
     lower: Array
     upper: Array
     notes: tuple[str, ...] = ()
+    source: Source | None = field(default=None, repr=False)
 
     @classmethod
     def load(cls, path: str | PathLike[str], *, untrusted: bool = False) -> Character:
@@ -99,13 +101,13 @@ class Character:
         """
         file = Path(path)
         source = read_source(file, untrusted=untrusted)
-        return _character(source, _compiled(source), file.stem)
+        return character_of(source, _compiled(source), file.stem)
 
     @classmethod
     def from_xml(cls, text: str, *, name: str = "model") -> Character:
         """The same from a text. Assets are then found relative to the working directory."""
         source = source_of_text(text)
-        return _character(source, _compiled(source), name)
+        return character_of(source, _compiled(source), name)
 
     @property
     def weight(self) -> float:
@@ -170,7 +172,8 @@ def _compiled(source: Source) -> mujoco.MjModel:
         ) from error
 
 
-def _character(source: Source, model: mujoco.MjModel, fallback: str) -> Character:
+def character_of(source: Source, model: mujoco.MjModel, fallback: str) -> Character:
+    """A character of a compiled model; ``fallback`` names one that names itself nothing."""
     notes = list(source.notes)
     try:
         root, has_root = _root(model, notes)
@@ -213,6 +216,7 @@ def _character(source: Source, model: mujoco.MjModel, fallback: str) -> Characte
             lower=lower,
             upper=upper,
             notes=tuple(notes),
+            source=source,
         )
     except InputError as error:
         raise InputError(error.message, path=source.path) from error

@@ -88,6 +88,11 @@ class ValidationOptions(JudgingOptions):
         default_text="none",
         label="Low-pass",
     )
+    stands: bool = option(
+        False,
+        help="A model that is fixed to the world only stands on its floor: judge whether it tips "
+        "over or slips.",
+    )
     also_literature: bool = option(
         False, name="also", word="literature", help="Other tools' numbers too.", advanced=True
     )  # fmt: skip

@@ -45,7 +45,8 @@ class Analysis:
     ``time`` (T,) s is uniform. ``series`` maps a name to (T,) or (T, n) arrays, see
     :class:`physretarget.validation.chunk.Chunk` for their meanings; a missing name could not
     be computed. ``poses`` (first, last) gives the frames (last - first, nq) before the filter.
-    ``own_frames`` tells whether its frames are the clip's. ``coarse`` is the clip at 30 instants
+    ``own_frames`` tells whether its frames are the clip's, ``stands`` whether a base that the model
+    fixes to the world was set free. ``coarse`` is the clip at 30 instants
     a second, None where it has hardly more frames than that.
     """
 
@@ -61,6 +62,7 @@ class Analysis:
     series: Mapping[str, NDArray[np.generic]] = field(default_factory=dict)
     uneven: Floats = field(default_factory=lambda: np.zeros(0))
     own_frames: bool = True
+    stands: bool = False
     coarse: Analysis | None = None
 
     @property
@@ -114,7 +116,10 @@ class Analysis:
     def no_forces_because(self) -> str:
         """Why not."""
         if not self.character.has_root:
-            return "the model has no free joint: its base is held by the world"
+            return (
+                "the model has no free joint: its base is held by the world "
+                "(--stands judges one that only stands on its floor)"
+            )
         if self.frames < 4:
             return f"accelerations need at least 4 frames, the clip has {self.frames}"
         return "the model has no contact geometry"
@@ -125,6 +130,8 @@ def analyse(
     character: Character,
     settings: Settings,
     progress: Progress | None = None,
+    *,
+    stands: bool = False,
 ) -> Analysis:
     """Compute every series of a clip.
 
@@ -159,6 +166,7 @@ def analyse(
             clip=clip, character=character, settings=settings, time=grid.time, fps=grid.fps,
             tolerance=tolerance, friction=friction, poses=grid.poses, work=work, series=grid.series,
             uneven=uneven, own_frames=grid is own and len(uneven) == 0, coarse=found,
+            stands=stands,
         )  # fmt: skip
     assert found is not None
     return found

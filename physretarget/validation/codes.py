@@ -27,6 +27,7 @@ from physretarget.validation.rules import (
     dyn007_flight_spin,
     dyn008_joint_torque,
     dyn009_support_peak,
+    dyn010_tipping,
     kin001_joint_limit,
     kin002_joint_speed,
     kin003_jitter,
@@ -77,6 +78,7 @@ RULES: tuple[Rule, ...] = (
     dyn007_flight_spin.RULE,
     dyn008_joint_torque.RULE,
     dyn009_support_peak.RULE,
+    dyn010_tipping.RULE,
 )
 RETIRED: tuple[str, ...] = ()
 

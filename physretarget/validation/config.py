@@ -27,7 +27,8 @@ class Settings(ValidationOptions):
     ``contact_tolerance_m``: points this close to the floor touch; None: 3 % of the model's CoM
     height, at least 1 and at most 2 cm. ``friction`` overrides the model's. ``select`` and
     ``ignore`` are codes or their beginnings ("DYN"). ``limits`` maps a code to limit names to
-    values, ``severity`` a code to its severity. ``also_literature`` adds other tools' numbers.
+    values, ``severity`` a code to its severity. ``stands``: a model fixed to the world only stands
+    on its floor. ``also_literature`` adds other tools' numbers.
     """
 
     def chosen(self, rules: tuple[Rule, ...]) -> tuple[Rule, ...]:
@@ -91,7 +92,7 @@ def load_settings(
 ) -> Settings:
     """Settings from a TOML file over ``base``.
 
-    Keys: profile, lowpass_hz, contact_tolerance_m, friction, select, ignore, and the tables
+    Keys: profile, lowpass_hz, contact_tolerance_m, friction, select, ignore, stands, and the tables
     [limits.CODE] name = value and [severity] CODE = "error" | "warning". Anything else is an
     InputError that lists what is valid.
     """
@@ -111,7 +112,8 @@ def load_settings(
 def _settings(table: dict[str, Any], rules: tuple[Rule, ...], base: Settings) -> Settings:
     readers: dict[str, Callable[[str, Any], Any]] = {
         "profile": _text, "lowpass_hz": _number, "contact_tolerance_m": _number,
-        "friction": _number, "select": _texts, "ignore": _texts, "also_literature": _flag,
+        "friction": _number, "select": _texts, "ignore": _texts,
+        "also_literature": _flag, "stands": _flag,
     }  # fmt: skip
     known = [*readers, "limits", "severity"]
     for key in table:

@@ -11,6 +11,7 @@ from scipy.ndimage import uniform_filter1d
 from physretarget.validation import states
 from physretarget.validation.analysis import Analysis
 from physretarget.validation.report import Measure
+from physretarget.validation.standing import has_base, tip_margin
 
 Floats = NDArray[np.float64]
 
@@ -30,7 +31,7 @@ def measures(analysis: Analysis) -> dict[str, Measure]:
     numbers at any frame rate.
     """
     found: dict[str, Measure] = {}
-    for part in (_required, _explained, _flight, _floor, _joints):
+    for part in (_required, _explained, _standing, _flight, _floor, _joints):
         found.update(part(analysis.measured))
     return found
 
@@ -116,6 +117,20 @@ def _explained(a: Analysis) -> Iterator[tuple[str, Measure]]:
     yield "unexplained_moment_max_bwh", worst
     yield "cop_outside_fraction", _share(a, a["cop_outside"] - a.tolerance / 2)
     yield "cop_outside_max_m", peak(a, a["cop_outside"], "m")
+
+
+def _standing(a: Analysis) -> Iterator[tuple[str, Measure]]:
+    if not (a.stands and a.judges_forces and has_base(a)):
+        yield "tip_margin_min_m", Measure(value=None, unit="m")
+        yield "tip_margin_min_bwh", Measure(value=None, unit="BW h")
+    else:
+        margin = tip_margin(a)
+        height = max(a.character.com_height, 1e-3)
+        yield "tip_margin_min_m", peak(a, margin, "m", lowest=True)
+        bearing = margin * a["required_force"][:, 2] / height
+        yield "tip_margin_min_bwh", peak(a, bearing, "BW h", lowest=True)
+    demand = a["friction_demand"] if "friction_demand" in a.has else np.zeros(0)
+    yield "friction_demand_max", peak(a, demand, "1")
 
 
 def _flight(a: Analysis) -> Iterator[tuple[str, Measure]]:

@@ -18,6 +18,7 @@ from physretarget.validation import states
 from physretarget.validation.analysis import Analysis, Progress, analyse
 from physretarget.validation.codes import RULES
 from physretarget.validation.config import Settings
+from physretarget.validation.floating import with_free_root
 from physretarget.validation.grid import MEASURED_HZ
 from physretarget.validation.literature import literature
 from physretarget.validation.measures import measures
@@ -69,7 +70,8 @@ def validate(
             f"model '{character.name}' has nq = {character.tree.nq}.",
             path=clip.path,
         )
-    analysis = analyse(clip, character, settings, progress)
+    clip, character, stands = with_free_root(clip, character, stands=settings.stands)
+    analysis = analyse(clip, character, settings, progress, stands=stands)
     findings: list[Finding] = []
     coverage: list[Coverage] = []
     for rule in chosen:

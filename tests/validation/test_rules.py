@@ -281,6 +281,17 @@ def _(biped, hop, standing):  # type: ignore[no-untyped-def]
     return replace(hop, time=hop.time / 1.5), biped
 
 
+@fires("DYN010")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    arm = model(
+        """<mujoco><worldbody><geom type="plane" size="2 2 .1"/><body pos="0 0 .02">
+        <geom type="cylinder" size=".06 .02" mass=".3"/><body><joint axis="0 1 0"/>
+        <geom type="capsule" fromto="0 0 .1 0 0 .4" size=".02" mass=".5"/></body></body>
+        </worldbody></mujoco>"""
+    )
+    return Clip(qpos=np.full((30, 1), 0.8), time=np.arange(30) / 30.0), arm
+
+
 def codes(report: Report) -> set[str]:
     return {finding.code for finding in report.findings}
 
@@ -292,7 +303,7 @@ def test_every_rule_has_a_firing_clip() -> None:
 @pytest.mark.parametrize("code", sorted(FIRING))
 def test_rule_fires(code: str, biped: Character, hop: Clip, standing: Clip) -> None:
     clip, character = FIRING[code](biped, hop, standing)
-    report = validate(clip, character)
+    report = validate(clip, character, settings=Settings(stands=code == "DYN010"))
     assert code in codes(report), [c for c in report.coverage if c.code == code]
     finding = next(f for f in report.findings if f.code == code)
     assert finding.rule == BY_CODE[code].name
@@ -307,8 +318,8 @@ def test_clean_clips_stay_clean(biped: Character, hop: Clip, standing: Clip, pro
     for clip in (hop, standing):
         report = validate(clip, biped, settings=Settings(profile=profile))
         assert codes(report) == set(), [f.message for f in report.findings]
-        # These clips do not say which points stand.
-        assert {c.code for c in report.coverage if c.status != "checked"} == {"CON005"}
+        # These clips do not say which points stand, and no base is fixed.
+        assert {c.code for c in report.coverage if c.status != "checked"} == {"CON005", "DYN010"}
 
 
 @pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.code)

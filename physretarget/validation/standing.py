@@ -1,0 +1,78 @@
+"""How far a base that only stands on its floor is from tipping over."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from physretarget import kinematics
+from physretarget.mjcf import Character
+from physretarget.mjcf.surface import Solid, solids
+from physretarget.validation.analysis import Analysis
+from physretarget.validation.continuity import Floats
+
+# Directions along which the edge of the support is looked for: a circle's edge is exact in each,
+# and within 0.1 % of its radius between.
+_DIRECTIONS = 72
+# A rim's outermost point is its lowest when it is tilted this little.
+_TILT = 1e-3
+# Below this share of body weight a centre of pressure means nothing.
+_LIFTED_BW = 0.2
+
+
+def tip_margin(analysis: Analysis) -> Floats:
+    """(T,) m from the centre of pressure that the motion needs to the nearest edge of the base.
+
+    Below 0 it lies outside and the base tips; NaN where hardly any force is needed. The base
+    does not move: its edge is that of the first frame.
+    """
+    character = analysis.character
+    height = max(character.com_height, 1e-3)
+    force, moment = analysis["required_force"], analysis["required_moment"] * height
+    com = analysis["given_com"]
+    above = com[:, 2] - character.floor_height
+    with np.errstate(divide="ignore", invalid="ignore"):
+        x = com[:, 0] - (moment[:, 1] + above * force[:, 0]) / force[:, 2]
+        y = com[:, 1] - (above * force[:, 1] - moment[:, 0]) / force[:, 2]
+    way, reach = _edge(character, analysis.poses(0, 1), analysis.tolerance)
+    margin = (reach - np.stack([x, y], axis=1) @ way.T).min(axis=1)
+    return np.where(force[:, 2] > _LIFTED_BW, margin, np.nan)
+
+
+def has_base(analysis: Analysis) -> bool:
+    """Whether anything of the base is on the floor."""
+    _, reach = _edge(analysis.character, analysis.poses(0, 1), analysis.tolerance)
+    return bool(np.isfinite(reach).all())
+
+
+def _edge(character: Character, qpos: Floats, tolerance: float) -> tuple[Floats, Floats]:
+    """(n, 2) directions, and how far the base's underside reaches along each, m from the origin."""
+    angle = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
+    way = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    pose = kinematics.forward(character.tree, qpos)
+    reach = np.full(_DIRECTIONS, -np.inf)
+    for solid in solids(character, _base(character)):
+        low = solid.heights(pose)[0] <= character.floor_height + tolerance
+        if low.any():
+            reach = np.maximum(reach, _reach(solid, pose, low, way))
+    return way, reach
+
+
+def _reach(solid: Solid, pose: kinematics.Pose, low: Floats, way: Floats) -> Floats:
+    """(n,) m along each direction of the points of a geom that are ``low``."""
+    turn, place = pose.rotation[0, solid.body], pose.position[0, solid.body]
+    points = place + solid.points[low] @ turn.T
+    along = np.hstack([_TILT * way, -np.ones((len(way), 1))]) @ turn @ solid.frame
+    size = np.linalg.norm(along * solid.axes, axis=1)
+    grown = along * solid.axes**2 / np.where(size > 0, size, 1.0)[:, None]
+    outermost = grown @ solid.frame.T @ turn.T
+    reach: Floats = (points[:, :2] @ way.T).max(axis=0) + (outermost[:, :2] * way).sum(axis=1)
+    return reach
+
+
+def _base(character: Character) -> list[int]:
+    """The root and the bodies that are fixed to it."""
+    model, base = character.model, [character.root_body]
+    for body in character.bodies:
+        if model.body_parentid[body] in base and not model.body_jntnum[body]:
+            base.append(int(body))
+    return base
