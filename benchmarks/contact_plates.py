@@ -16,7 +16,7 @@ import numpy as np
 
 from physretarget.capture import load
 from physretarget.contact import detect_phases
-from physretarget.contact.phases import runs
+from physretarget.kinematics import runs
 
 
 def table(path: Path) -> tuple[list[str], np.ndarray]:

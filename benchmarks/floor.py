@@ -16,18 +16,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from physretarget import capture, kinematics
 from physretarget.demo import models_folder
+from physretarget.ground.undersides import lowest_heights, solids
 from physretarget.mjcf import Character
 from physretarget.pipeline import Retargeted, retarget
 from physretarget.reproduce.plan import Take, make_plan
 from physretarget.reproduce.takes import learned, planted
 from physretarget.validation import Report, validate
-from physretarget.validation.geometry import lowest_points, of_geoms
 
 Array = NDArray[np.float64]
 
@@ -90,19 +89,11 @@ HEADER = (
 
 def deepest(character: Character, qpos: Array) -> tuple[float, str, int]:
     """How far any geom is below the floor (m), its name and the frame."""
-    model = character.model
-    solid = model.geom_type != mujoco.mjtGeom.mjGEOM_PLANE
-    geoms = np.flatnonzero(solid & np.isin(model.geom_bodyid, character.bodies))
+    every = solids(character)
     pose = kinematics.forward(character.tree, qpos)
-    worst = (0.0, "", 0)
-    for geom in geoms:
-        points = of_geoms(character, np.array([geom]))
-        low = lowest_points(pose, points)[..., 2].min(axis=1) - character.floor_height
-        frame = int(np.argmin(low))
-        if -low[frame] > worst[0]:
-            name = model.geom(int(geom)).name or model.body(int(model.geom_bodyid[geom])).name
-            worst = (float(-low[frame]), name, frame)
-    return worst
+    low = lowest_heights(every, pose) - character.floor_height
+    frame, which = np.unravel_index(int(low.argmin()), low.shape)
+    return max(0.0, -float(low[frame, which])), every[int(which)].name, int(frame)
 
 
 def shaking(character: Character, qpos: Array, time: Array) -> float:

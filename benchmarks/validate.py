@@ -25,10 +25,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget.clip import Clip, load_clip, open_clip
+from physretarget.ground import support
+from physretarget.ground.cones import ConeFit, fit_forces
 from physretarget.mjcf import Character, derivatives, required_wrench
 from physretarget.report.text import render_text
-from physretarget.validation import Settings, support, validate
-from physretarget.validation.cones import ConeFit, fit_forces
+from physretarget.validation import Settings, validate
 
 Array = NDArray[np.float64]
 T = TypeVar("T")

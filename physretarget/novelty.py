@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from physretarget.kinematics import runs
 from physretarget.mapping.kernels import squared_distances
 
 __all__ = ["Novelty", "novelty"]
@@ -94,11 +95,10 @@ def novelty(y: Array, posed: Array, names: Sequence[str], *, fps: float) -> Nove
     """
     distance, nearest = _to_nearest(y, posed)
     limit = _limit(posed)
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], distance > limit, [0]))))
     spans = tuple(
-        (int(first), int(end) - 1)
-        for first, end in zip(edges[::2], edges[1::2], strict=True)
-        if (end - first) / fps > LASTING
+        (first, last)
+        for first, last in runs(distance > limit)
+        if (last + 1 - first) / fps > LASTING
     )
     inside = np.zeros(len(y), dtype=bool)
     for first, last in spans:

@@ -25,6 +25,7 @@ from physretarget.capture.actor import ActorMotion, ActorShape
 from physretarget.clip import Clip
 from physretarget.errors import InputError
 from physretarget.features import features
+from physretarget.kinematics import runs
 from physretarget.mapping import Mapped
 from physretarget.mjcf import Character, actor_character
 from physretarget.mjcf.dynamics import lowpass
@@ -362,9 +363,4 @@ def _filtered(motion: ActorMotion, actor: Character, settings: RetargetSettings)
 
 
 def _longest_run(valid: NDArray[np.bool_]) -> tuple[int, int]:
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], valid.astype(np.int8), [0]))))
-    if edges.size == 0:
-        return 0, -1
-    starts, ends = edges[::2], edges[1::2] - 1
-    longest = int(np.argmax(ends - starts))
-    return int(starts[longest]), int(ends[longest])
+    return max(runs(valid), key=lambda run: run[1] - run[0], default=(0, -1))

@@ -11,9 +11,9 @@ from physretarget.balance.hold import CHUNK, Hold
 from physretarget.balance.settings import BalanceSettings
 from physretarget.contact.carry import joint_weights
 from physretarget.contact.clearance import surface_points
+from physretarget.ground.undersides import Solid, lowest_heights, solids
 from physretarget.kinematics import PointTargets
 from physretarget.mjcf import Character
-from physretarget.mjcf.surface import Solid, lowest_heights, solids
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

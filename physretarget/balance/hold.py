@@ -10,8 +10,8 @@ from scipy.ndimage import distance_transform_edt
 
 from physretarget import kinematics
 from physretarget.balance.settings import BalanceSettings
+from physretarget.ground.undersides import solids
 from physretarget.mjcf import Character
-from physretarget.mjcf.surface import solids
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

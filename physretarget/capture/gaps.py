@@ -11,16 +11,11 @@ from scipy.spatial.transform import Rotation, Slerp
 from physretarget.capture.measure import Measured, finite_frames
 from physretarget.capture.recording import Floats
 from physretarget.errors import InputError
+from physretarget.kinematics import runs
 
 SHORT = 0.1  # s: runs up to this long are interpolated and count as valid
 
 Bools = NDArray[np.bool_]
-
-
-def runs(mask: Bools) -> list[tuple[int, int]]:
-    """First and one-past-last frame of each run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
-    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
 def repair(measured: Measured, path: str) -> tuple[Measured, Bools, tuple[str, ...]]:
@@ -36,9 +31,10 @@ def repair(measured: Measured, path: str) -> tuple[Measured, Bools, tuple[str, .
         raise InputError("No frame has numbers for every joint that is needed.", path=path)
     valid = good.copy()
     bridged, lost = [], []
-    for first, end in runs(~good):
+    for first, last in runs(~good):
+        end = last + 1
         inside = first > 0 and end < len(good)
-        name = f"{first}" if end == first + 1 else f"{first}-{end - 1}"
+        name = f"{first}" if last == first else f"{first}-{last}"
         if inside and (end - first) / measured.fps <= SHORT + 1e-9:
             valid[first:end] = True
             bridged.append(name)

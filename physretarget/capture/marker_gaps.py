@@ -8,8 +8,8 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import maximum_filter1d
 
-from physretarget.capture.gaps import runs
 from physretarget.capture.recording import Floats
+from physretarget.kinematics import runs
 
 _LEAP = 5.0  # m/s
 _AROUND_LEAP = 0.05  # s
@@ -54,7 +54,7 @@ def short_gaps_filled(position: Floats, longest: float, notes: list[str]) -> Flo
         seen = np.asarray(np.isfinite(position[:, k]).all(axis=-1))
         if seen.all():
             continue
-        gaps = runs(~seen)
+        gaps = [(first, last + 1) for first, last in runs(~seen)]
         short = [(a, b) for a, b in gaps if b - a <= longest and a > 0 and b < len(seen)]
         long += len(gaps) - len(short)
         if short and seen.sum() >= 2:

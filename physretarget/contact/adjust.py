@@ -12,7 +12,7 @@ from physretarget.contact.carry import carried, followed, off_track
 from physretarget.contact.clearance import above_floor
 from physretarget.contact.flight import grounded, throw_arc, thrown
 from physretarget.contact.foot import Foot
-from physretarget.contact.phases import Phases, runs
+from physretarget.contact.phases import Phases
 from physretarget.contact.reach import within_reach
 from physretarget.contact.settings import ContactSettings
 from physretarget.contact.sole import Sole, SoleMotion, sole_motion
@@ -21,6 +21,7 @@ from physretarget.contact.stances import Footing, find_footings
 from physretarget.contact.track import fly, stand
 from physretarget.errors import InputError
 from physretarget.ik import continuous_qpos
+from physretarget.kinematics import runs
 from physretarget.mjcf import Character
 
 Floats = NDArray[np.float64]

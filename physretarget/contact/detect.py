@@ -15,7 +15,8 @@ from scipy.signal import butter, sosfiltfilt
 
 from physretarget import kinematics
 from physretarget.capture.actor import CONTACT_POINTS, ActorMotion
-from physretarget.contact.phases import Phases, runs
+from physretarget.contact.phases import Phases
+from physretarget.kinematics import runs
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

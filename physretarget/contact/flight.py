@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget import kinematics
-from physretarget.contact.phases import Phases, any_point, runs
+from physretarget.contact.phases import Phases, any_point
 from physretarget.contact.settings import ContactSettings
 from physretarget.contact.track import Track
+from physretarget.kinematics import runs
 from physretarget.mjcf import Character
 
 Floats = NDArray[np.float64]

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from physretarget.capture.actor import CONTACT_POINTS
 from physretarget.errors import InputError
 from physretarget.files import write_file
+from physretarget.kinematics import runs
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -61,12 +62,6 @@ class Phases:
 def any_point(active: Bools) -> Bools:
     """(T,) whether any of n points (T, n) is planted."""
     return np.asarray(active.any(axis=1), dtype=np.bool_)
-
-
-def runs(mask: Bools) -> list[tuple[int, int]]:
-    """First and last index of every run of True, in order."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(np.int8)))
-    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def from_intervals(

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget.contact.foot import Foot
-from physretarget.contact.phases import runs
 from physretarget.contact.settings import ContactSettings
 from physretarget.contact.stances import Footing
+from physretarget.kinematics import runs
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

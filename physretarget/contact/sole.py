@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget import kinematics
-from physretarget.mjcf.surface import Solid
+from physretarget.ground.undersides import Solid
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

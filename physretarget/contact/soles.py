@@ -9,8 +9,8 @@ from physretarget import kinematics
 from physretarget.contact.carry import swivels
 from physretarget.contact.settings import ContactSettings
 from physretarget.contact.sole import Sole, make_sole, with_underside
+from physretarget.ground.undersides import solids
 from physretarget.mjcf import Character
-from physretarget.mjcf.surface import solids
 
 UNDER = 0.005
 """Of a standing foot's underside, this near to the floor (of the height) must not sink."""

@@ -14,10 +14,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from physretarget.contact.phases import any_point, runs
+from physretarget.contact.phases import any_point
 from physretarget.contact.settings import ContactSettings
 from physretarget.contact.sole import Sole
 from physretarget.contact.turns import cuts
+from physretarget.kinematics import runs
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

@@ -16,10 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget import kinematics
-from physretarget.contact.phases import any_point, runs
+from physretarget.contact.phases import any_point
 from physretarget.contact.settings import ContactSettings
 from physretarget.contact.sole import Sole, SoleMotion, allowed_tilt, rolled, yaw_quat
 from physretarget.contact.stances import Footing
+from physretarget.kinematics import runs
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

@@ -6,11 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from physretarget.contact.phases import runs
 from physretarget.errors import InputError
 from physretarget.groundtruth.coverage import Coverage, coverage
 from physretarget.groundtruth.trial import GRAVITY, Bools, Floats, Trial
-from physretarget.kinematics import forward
+from physretarget.kinematics import forward, runs
 from physretarget.kinetics import ground_wrench
 from physretarget.mjcf import derivatives, lowpass, momentum
 

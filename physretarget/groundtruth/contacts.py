@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from physretarget.contact.phases import runs
 from physretarget.groundtruth.coverage import Coverage
 from physretarget.groundtruth.trial import Bools, Floats, Trial
+from physretarget.kinematics import runs
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,8 +11,8 @@ from scipy.ndimage import binary_erosion
 from physretarget import kinematics
 from physretarget.capture.mot import GroundForce
 from physretarget.contact import detect_phases
-from physretarget.contact.phases import runs
 from physretarget.groundtruth.trial import Bools, Floats, Trial
+from physretarget.kinematics import runs
 
 LOADED = 20.0  # N on a plate: the usual threshold of contact in gait laboratories
 MARGIN = 0.1  # s around what is not covered, and at a trial's ends

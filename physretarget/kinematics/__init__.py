@@ -22,6 +22,7 @@ from physretarget.kinematics.rotations import (
     rotvec_to_quat,
     slerp,
 )
+from physretarget.kinematics.runs import runs
 from physretarget.kinematics.solver import PointTargets, Solution, solve, stiffness
 from physretarget.kinematics.trajectory import Price, Trajectory, solve_trajectory
 from physretarget.kinematics.tree import Joint, Tree, difference, integrate
@@ -48,6 +49,7 @@ __all__ = [
     "quat_to_rotvec",
     "rotvec_slope",
     "rotvec_to_quat",
+    "runs",
     "slerp",
     "solve",
     "solve_trajectory",

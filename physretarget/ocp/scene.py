@@ -8,9 +8,9 @@ from scipy.ndimage import distance_transform_edt
 
 from physretarget import kinematics
 from physretarget.errors import InputError
+from physretarget.ground.undersides import lowest_heights, solids
 from physretarget.mjcf import Character
 from physretarget.mjcf.dynamics import derivatives, required_wrench
-from physretarget.mjcf.surface import lowest_heights, solids
 from physretarget.ocp.basis import differences
 from physretarget.ocp.problem import Scene
 

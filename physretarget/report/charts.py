@@ -11,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from physretarget.kinematics import runs
 from physretarget.replay.payload import pack
 from physretarget.replay.scene import Mark
 from physretarget.report.retarget_data import LatentMap
@@ -104,12 +105,6 @@ class LatentPlot:
     own: tuple[tuple[float, float, str], ...]
     other: tuple[tuple[float, float, str], ...]
     points: dict[str, Any] = field(repr=False)
-
-
-def runs(active: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """First and last frame (inclusive) of every run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], active.astype(np.int8), [0]))))
-    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def contact_lanes(names: Sequence[str], active: NDArray[np.bool_]) -> tuple[Lane, ...]:

@@ -144,7 +144,7 @@ def analyse(
     if tolerance is None:
         tolerance = float(np.clip(_TOLERANCE_OF_HEIGHT * height, *_TOLERANCE_M))
     friction = settings.friction or character.foot_friction
-    work = Workspace.build(character, tolerance=tolerance, friction=friction)
+    work = Workspace.build(character, tolerance=tolerance, friction=settings.friction)
     said = _declared(clip, character, time if len(uneven) else None)
     hz = settings.lowpass_hz
     if hz is not None and len(time) > 1:
@@ -197,7 +197,7 @@ def _uniform(clip: Motion, character: Character) -> tuple[Floats, Poses, Floats]
 def _declared(
     clip: Motion, character: Character, even: Floats | None
 ) -> Callable[[int, int], NDArray[np.bool_]] | None:
-    """(first, last) to (last - first, K) which candidate points the clip says to stand."""
+    """(first, last) to (last - first, K) which contact points the clip says to stand."""
     mine, active = contact_columns(clip, character), clip.contact_active
     if mine is None or active is None:
         return None

@@ -13,17 +13,21 @@ say where):
   ``supported`` whether one does in this frame or within reach of its force
 * ``declared_height``, ``declared_body``, ``undeclared_body``: where what the clip says of its
   contacts differs from its geometry, see :func:`physretarget.validation.declared.compare`
-* ``unexplained_force`` BW, ``unexplained_moment`` BW h: what no contact force explains;
-  ``contact_force`` (T, 3) BW: what was found
-* ``cop_outside`` m, NaN where nothing is supported
+* ``moment_rest`` (T, 3) BW h: what remains when contact forces explain the force;
+  ``contact_force`` (T, 3) BW: what was found; ``arm`` (T, 3) h, the mean arm about the CoM of
+  what may bear, zero for nothing; ``grip`` the friction coefficient of what touches, NaN for
+  nothing
 * ``arrow_origin``, ``arrow_force`` (T, 4, 3) m and BW: the largest contact forces, to be drawn
 * ``skate`` m/s, ``skate_free`` the part of it that friction does not brake
 * ``elsewhere`` the geom, of nothing that is the floor's or its own, that the character touches; -1
 * ``torque_ratio`` 1, share of a joint's limit; ``self_penetration`` m
 
-Of the whole clip (see :mod:`physretarget.validation.smear`): ``straight_force`` (T, 3) BW,
-``ringing`` and ``pushed`` (T,) BW, what pushes anywhere and pushes near contacts look like after
-the filter; ``friction_demand`` 1, NaN where nothing is supported.
+Of the whole clip (see :mod:`physretarget.ground.response`): ``explained_force`` (T, 3) BW, the
+nearest that forces in their cones near contacts look like after the filter, ``unexplained_force``
+BW the rest; ``unexplained_moment`` BW h, ``moment_rest`` less ``side_lobes`` BW h that the filter
+may make of shocks around; ``cop_outside`` m that the centre of pressure would have to lie outside
+what supports, NaN where nothing does; ``ringing`` (T,) BW what the filter makes of pushes anywhere;
+``friction_demand`` 1, NaN where nothing is supported.
 """
 
 from __future__ import annotations
@@ -35,20 +39,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget import kinematics
+from physretarget.ground.contacts import Contacts, find_contacts, lowest
+from physretarget.ground.sliding import arrows, skate, sliding, speeds
+from physretarget.ground.support import Support, explain, find_support
+from physretarget.ground.undersides import Undersides, undersides
+from physretarget.ground.wrench import centre_of_mass
 from physretarget.mjcf import Character, derivatives, required_wrench
-from physretarget.validation.contacts import Touch, cop_outside, find_touch, lowest
-from physretarget.validation.declared import compare, standing
-from physretarget.validation.elsewhere import Elsewhere
-from physretarget.validation.geometry import Candidates, candidates, collision_geoms, of_geoms
+from physretarget.validation.declared import compare
+from physretarget.validation.external_contacts import ExternalContacts
 from physretarget.validation.selfcollision import SelfCollision
 from physretarget.validation.smoothness import windowed_jerk
-from physretarget.validation.support import (
-    arrows,
-    find_support,
-    fit_support,
-    skate,
-    sliding,
-)
 from physretarget.validation.torque import TorqueLimits, contact_torque, without_stops
 
 Floats = NDArray[np.float64]
@@ -59,13 +59,17 @@ Series = dict[str, NDArray[np.generic]]
 class Chunk:
     """Frames of a clip with neighbours on both sides: ``keep`` are the ones to answer for.
 
-    ``raw`` are the poses before the filter (the same array without one); ``reach`` how many
-    frames a contact force is smeared; ``declared`` (T, K) which contact points the clip says to
+    ``raw`` are the poses before the filter (the same array without one) and ``raw_pose`` their
+    bodies; ``force`` (T, 3) BW and ``moment`` (T, 3) BW h what is required, filtered; ``reach`` how
+    many frames a contact force shows; ``declared`` (T, P) which contact points the clip says to
     stand, None where it says nothing.
     """
 
     qpos: Floats
     raw: Floats
+    raw_pose: kinematics.Pose
+    force: Floats
+    moment: Floats
     time: Floats
     keep: slice
     reach: int
@@ -95,33 +99,28 @@ class Workspace:
     """What depends on the model alone."""
 
     character: Character
-    points: Candidates
-    solid: Candidates
+    points: Undersides
     torque: TorqueLimits
     collision: SelfCollision
-    elsewhere: Elsewhere
+    external: ExternalContacts
     scalars: NDArray[np.int64]
     tolerance: float
-    friction: float
+    friction: float | None
 
     @classmethod
-    def build(cls, character: Character, *, tolerance: float, friction: float) -> Workspace:
+    def build(cls, character: Character, *, tolerance: float, friction: float | None) -> Workspace:
         """Prepare a model; kept, since many clips share one."""
         return _workspace(character, tolerance, friction)
 
     @classmethod
-    def fresh(cls, character: Character, tolerance: float, friction: float) -> Workspace:
+    def fresh(cls, character: Character, tolerance: float, friction: float | None) -> Workspace:
         """Prepare a model: hulls of its meshes, a copy for self-collision, torque limits."""
-        points = candidates(character)
-        geoms = collision_geoms(character)
-        declared = len(character.contacts) > 0
         return cls(
             character=character,
-            points=points,
-            solid=of_geoms(character, geoms) if declared else points,
+            points=undersides(character),
             torque=TorqueLimits.build(character),
             collision=SelfCollision.build(character),
-            elsewhere=Elsewhere.build(character, tolerance),
+            external=ExternalContacts.build(character, tolerance),
             scalars=np.array(
                 [j.dof for j in character.tree.joints if j.kind in ("hinge", "slide")], dtype=int
             ),
@@ -131,7 +130,7 @@ class Workspace:
 
 
 @lru_cache(maxsize=8)
-def _workspace(character: Character, tolerance: float, friction: float) -> Workspace:
+def _workspace(character: Character, tolerance: float, friction: float | None) -> Workspace:
     return Workspace.fresh(character, tolerance, friction)
 
 
@@ -140,33 +139,31 @@ def analyse_chunk(work: Workspace, chunk: Chunk) -> Series:
     character = work.character
     qvel, qacc = derivatives(character, chunk.qpos, chunk.time)
     if len(qacc) > 2:
-        # A clip's first and last frame have no second difference of their own. Extrapolated, a
-        # landing two frames on would seem to pull; the neighbour's is smeared by a frame more.
+        # A clip's first and last frame have no second difference of their own: see ground.wrench.
         qacc[0], qacc[-1] = qacc[1], qacc[-2]
-    pose = kinematics.forward(character.tree, chunk.qpos)
-    raw = pose if chunk.raw is chunk.qpos else kinematics.forward(character.tree, chunk.raw)
+    pose = chunk.raw_pose
+    if chunk.raw is not chunk.qpos:
+        pose = kinematics.forward(character.tree, chunk.qpos)
     keep = chunk.keep
     series: Series = {}
     _joints(series, work, chunk, qvel)
     series |= windowed_jerk(pose.position[:, character.bodies], chunk.time, keep, character)
     series |= work.collision.judge(chunk.qpos[keep])
-    series |= work.elsewhere.judge(chunk.qpos[keep])
-    touch = None
+    series |= work.external.judge(chunk.qpos[keep])
+    contacts = None
     if len(work.points):
-        declared = None if chunk.declared is None else chunk.declared[chunk.wide]
-        wide = find_touch(
-            work.points, _part(pose, chunk.wide), character.floor_height, work.tolerance, declared
-        )
+        contacts = find_contacts(
+            work.points, _part(pose, chunk.wide), character.floor_height, work.tolerance,
+            work.friction,
+        )  # fmt: skip
+        series |= _touching(contacts, chunk.inner)
+        series |= _penetration(work, chunk, pose, contacts)
         if chunk.declared is not None:
             series |= compare(
-                chunk.declared, work.points, character.floor_height, work.tolerance,
-                (pose, raw), keep, chunk.step,
-            )  # fmt: skip
-        touch = wide
-        series |= wide.series(chunk.inner)
-        series |= _penetration(work, chunk, (pose, raw), wide)
+                chunk.declared, character, work.tolerance, (pose, chunk.raw_pose), keep, chunk.step
+            )
     if len(chunk.time) >= 4:
-        _forces(series, work, chunk, (qvel, qacc), (pose, raw), touch)
+        _forces(series, work, chunk, (qvel, qacc), pose, contacts)
     return series
 
 
@@ -174,18 +171,28 @@ def _part(pose: kinematics.Pose, frames: slice) -> kinematics.Pose:
     return kinematics.Pose(pose.position[frames], pose.rotation[frames])
 
 
+def _touching(contacts: Contacts, inner: slice) -> Series:
+    """The contacts of the kept frames, as they are kept."""
+    rough = np.where(contacts.mask, contacts.friction, -1.0)[inner].max(axis=1, initial=-1.0)
+    return {
+        "lowest": contacts.lowest[inner],
+        "lowest_body": contacts.lowest_body[inner],
+        "clearance": contacts.clearance[inner],
+        "touching": contacts.mask[inner].sum(axis=1),
+        "touch": contacts.on[inner],
+        "grip": np.where(rough < 0, np.nan, rough),
+    }
+
+
 def _penetration(
-    work: Workspace, chunk: Chunk, poses: tuple[kinematics.Pose, kinematics.Pose], touch: Touch
+    work: Workspace, chunk: Chunk, pose: kinematics.Pose, contacts: Contacts
 ) -> Series:
     """Deepest point as filtered or as given, whichever is higher: a filter bends paths, and
     noise lasts a frame."""
-    depth, body = touch.lowest[chunk.inner], touch.lowest_body[chunk.inner]
-    solid = work.solid if len(work.solid) else work.points
-    floor = work.character.floor_height
-    if solid is not work.points:
-        depth, body = lowest(solid, _part(poses[0], chunk.keep), floor)
-    if poses[1] is not poses[0]:
-        given, given_body = lowest(solid, _part(poses[1], chunk.keep), floor)
+    depth, body = contacts.lowest[chunk.inner], contacts.lowest_body[chunk.inner]
+    if chunk.raw_pose is not pose:
+        floor = work.character.floor_height
+        given, given_body = lowest(work.points, _part(chunk.raw_pose, chunk.keep), floor)
         higher = given > depth
         depth, body = np.where(higher, given, depth), np.where(higher, given_body, body)
     return {"deepest": depth, "deepest_body": body}
@@ -211,57 +218,55 @@ def _forces(
     work: Workspace,
     chunk: Chunk,
     motion: tuple[Floats, Floats],
-    poses: tuple[kinematics.Pose, kinematics.Pose],
-    touch: Touch | None,
+    pose: kinematics.Pose,
+    contacts: Contacts | None,
 ) -> None:
-    """Inverse dynamics of the kept frames, and the contact forces that explain it."""
-    character, wide, inner = work.character, chunk.wide, chunk.inner
+    """What the kept frames require, and the contact forces that explain it."""
+    character, keep, inner = work.character, chunk.keep, chunk.inner
     qvel, qacc = motion
-    wrench = required_wrench(character, chunk.qpos[wide], qvel[wide], qacc[wide])
+    torque = None
+    if work.torque.any:
+        torque = required_wrench(character, chunk.qpos[keep], qvel[keep], qacc[keep]).joint_torque
     if not character.has_root:
-        _torques(series, work, chunk.qpos[chunk.keep], wrench.joint_torque[inner])
+        _torques(series, work, chunk.qpos[keep], torque)
         return
-    weight, height = character.weight, max(character.com_height, 1e-3)
-    force = wrench.force[inner] / weight
-    arm = (wrench.root - wrench.com)[inner]
-    moment = (wrench.moment[inner] / weight + np.cross(arm, force)) / height
+    height = max(character.com_height, 1e-3)
+    force, moment = chunk.force[keep], chunk.moment[keep]
     series["required_force"], series["required_moment"] = force, moment
     dofs = slice(character.root_dof, character.root_dof + 3)
-    series["given_com"] = _com(character, _part(poses[1], chunk.keep))
-    series["root_acceleration"] = np.linalg.norm(qacc[chunk.keep, dofs], axis=1)
-    if touch is None:
+    series["root_acceleration"] = np.linalg.norm(qacc[keep, dofs], axis=1)
+    if contacts is None:
         return
-    support = find_support(touch, wrench.com, inner, chunk.reach)
-    here = _part(poses[0], chunk.keep)
-    both = poses if poses[1] is not poses[0] else poses[:1]
-    stands = standing(chunk.declared, work.points, character.tree.nb)
-    velocity = sliding(support, here, both, chunk.keep, chunk.step, work.tolerance, stands)
-    fit = fit_support(
-        support, np.hstack([force, moment]), velocity, friction=work.friction, height=height,
-        tolerance=work.tolerance,
-    )  # fmt: skip
-    series["unexplained_force"] = np.linalg.norm(fit.residual[:, :3], axis=1)
-    series["unexplained_moment"] = np.linalg.norm(fit.residual[:, 3:], axis=1)
-    series["contact_force"] = fit.force.sum(axis=1)
-    series["cop_outside"] = cop_outside(support.arm, support.mask, force, moment * height)
-    series |= support.series()
-    series |= arrows(support, fit.force)
-    series |= skate(support, fit.force, velocity, work.friction)
-    held = contact_torque(character, here, support, fit.force * weight, wrench.com[inner])
-    _torques(series, work, chunk.qpos[chunk.keep], wrench.joint_torque[inner] - held)
+    com = centre_of_mass(character, _part(pose, chunk.wide))
+    poses = (pose,) if chunk.raw_pose is pose else (pose, chunk.raw_pose)
+    here = _part(pose, keep)
+    own = find_support(contacts, com, inner, chunk.reach)
+    velocity = sliding(own, here, poses, keep, chunk.step, work.tolerance)
+    found = explain(
+        contacts, com, inner, chunk.reach, force, moment, height=height, speed=speeds(velocity)
+    )
+    support = found.support
+    series["supported"] = support.within
+    series["moment_rest"], series["arm"] = found.moment, _mean_arm(support, height)
+    series["contact_force"] = found.force.sum(axis=1)
+    series |= arrows(support, found.force)
+    series |= skate(support, found.force, _widened(velocity, support.mask.shape[1]))
+    if torque is not None:
+        bears = found.force * character.weight
+        held = contact_torque(character, here, support, bears, com[inner])
+        _torques(series, work, chunk.qpos[keep], torque - held)
 
 
-def _com(character: Character, pose: kinematics.Pose) -> Floats:
-    """(T, 3) centre of mass."""
-    bodies = list(character.bodies)
-    mass = character.model.body_mass[bodies]
-    offset = mass[:, None] * character.model.body_ipos[bodies]
-    moments = mass @ pose.position[:, bodies]
-    moments += np.einsum("tbij,bj->ti", pose.rotation[:, bodies], offset)
-    com: Floats = moments / mass.sum()
-    return com
+def _mean_arm(support: Support, height: float) -> Floats:
+    number = np.maximum(support.mask.sum(axis=1), 1)[:, None]
+    mean: Floats = support.arm.sum(axis=1) / (number * height)
+    return mean
 
 
-def _torques(series: Series, work: Workspace, qpos: Floats, torque: Floats) -> None:
-    if work.torque.any:
+def _widened(velocity: Floats, width: int) -> Floats:
+    return np.pad(velocity, [(0, 0), (0, width - velocity.shape[1]), (0, 0)])
+
+
+def _torques(series: Series, work: Workspace, qpos: Floats, torque: Floats | None) -> None:
+    if torque is not None:
         series |= work.torque.judge(without_stops(work.character, qpos, torque))

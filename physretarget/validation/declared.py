@@ -1,11 +1,7 @@
 """Contacts that a clip declares: which of the model's contact points stand in which frame.
 
-Without them a point counts as touching within the tolerance, since soles of models and captures
-lie that far off. A clip that says which points stand leaves no such doubt: those touch within
-the tolerance, the others only where they are 1 mm in the floor. So a foot that swings by a
-centimetre above the ground bears no load. What is said is not believed blindly: a standing
-point in the air bears nothing, one that slides skates, and rule CON005 names what the clip and
-its geometry disagree about.
+They say what was meant. What bears load is the geometry that touches, and rule CON005 names where
+the two disagree.
 """
 
 from __future__ import annotations
@@ -15,9 +11,8 @@ from numpy.typing import NDArray
 
 from physretarget import kinematics
 from physretarget.clip import Motion
+from physretarget.ground.sliding import SLIDE_SPAN_S
 from physretarget.mjcf import Character
-from physretarget.validation.geometry import Candidates
-from physretarget.validation.support import SLIDE_SPAN_S
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -28,16 +23,14 @@ REST_M_S = 0.1
 
 
 def columns(clip: Motion, character: Character) -> NDArray[np.int64] | None:
-    """For each candidate point of the model the clip's column that says whether it stands.
+    """For each contact point of the model the clip's column that says whether it stands.
 
     None where the clip says nothing, or names other points than the model.
     """
     names = character.contacts.names
     if clip.contact_active is None or not names or set(names) != set(clip.contact_points):
         return None
-    # Candidates stand in the order of their bodies.
-    order = np.argsort(character.contacts.body, kind="stable")
-    return np.array([clip.contact_points.index(names[i]) for i in order], dtype=np.int64)
+    return np.array([clip.contact_points.index(name) for name in names], dtype=np.int64)
 
 
 def not_declared(clip: Motion, character: Character) -> str:
@@ -51,8 +44,7 @@ def not_declared(clip: Motion, character: Character) -> str:
 
 def compare(
     declared: Bools,
-    points: Candidates,
-    floor: float,
+    character: Character,
     tolerance: float,
     poses: tuple[kinematics.Pose, ...],
     keep: slice,
@@ -62,9 +54,10 @@ def compare(
     where none is, and ``declared_body``; ``undeclared_body`` (T,) that rests on the floor though
     none of its points is said to stand, -1 for none.
 
-    ``declared`` (T, K) with neighbours; of the clip as filtered and as given (``poses``) the
+    ``declared`` (T, P) with neighbours; of the clip as filtered and as given (``poses``) the
     kinder counts.
     """
+    points, floor = character.contacts, character.floor_height
     places = [kinematics.points(pose, points.body, points.local) for pose in poses]
     height = np.min([p[keep, :, 2] for p in places], axis=0) - floor
     said = declared[keep]
@@ -77,22 +70,12 @@ def compare(
     }
     rests = _rests(places[0], keep, step) & (height < tolerance)
     undeclared = np.full(len(said), -1, dtype=np.int64)
-    for body in points.bodies:
+    for body in np.unique(points.body):
         own = points.body == body
         silent = ~said[:, own].any(axis=1) & rests[:, own].any(axis=1)
         undeclared[silent & (undeclared < 0)] = body
     series["undeclared_body"] = undeclared
     return series
-
-
-def standing(declared: Bools | None, points: Candidates, bodies: int) -> Bools | None:
-    """(T, bodies) which bodies are said to stand, by any of their points."""
-    if declared is None:
-        return None
-    stands = np.zeros((len(declared), bodies), dtype=bool)
-    for body in points.bodies:
-        stands[:, body] = declared[:, points.body == body].any(axis=1)
-    return stands
 
 
 def _rests(place: Floats, keep: slice, step: float) -> Bools:

@@ -20,11 +20,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter
 
-from physretarget.kinematics import Tree, difference, integrate
+from physretarget.ground.response import (
+    explained_force,
+    filtered,
+    near_contact,
+    reach_frames,
+    side_lobes,
+)
+from physretarget.ground.wrench import external_wrench
+from physretarget.kinematics import Pose, Tree, difference, forward, integrate
 from physretarget.mjcf import lowpass
 from physretarget.validation.chunk import Chunk, Workspace, analyse_chunk
 from physretarget.validation.series import Gathered
-from physretarget.validation.smear import dilated, pushed, reach_frames, straight
 from physretarget.validation.smoothness import WINDOW_S, edge_frames
 
 Floats = NDArray[np.float64]
@@ -47,6 +54,8 @@ _SAME_FRAME = 1e-3
 _HALO = 6
 # Below this share of body weight the direction of a support force means nothing.
 SUPPORT_BW = 0.1
+# Below this a centre of pressure says nothing: little moves it far.
+BORNE_BW = 0.2
 
 
 class Grid:
@@ -91,45 +100,74 @@ class Grid:
     def add(self, first: int, last: int) -> None:
         """Answer for the instants ``first`` to ``last`` - 1."""
         start, stop = max(0, first - self._halo), min(len(self.time), last + self._halo)
-        given = self.poses(start, stop)
+        before, behind = start, stop
+        if self._hz is not None and len(self.time) > 1:
+            # Beyond that the filter has forgotten all but 1e-19.
+            poles = butter(2, 2 * self._hz / self.fps, output="zpk")[1]
+            reach = math.ceil(math.log(1e-19) / math.log(float(np.abs(poles).max())))
+            before, behind = max(0, start - reach), min(len(self.time), stop + reach)
+        given = self.poses(before, behind)
+        pose = forward(self._work.character.tree, given)
+        force, moment = self._required(pose)
+        here = slice(start - before, stop - before)
         smooth = given
         if self._hz is not None and len(self.time) > 1:
-            smooth = self._filtered(self._hz, start, stop)
+            smooth = lowpass(self._work.character, given, self.fps, self._hz)
+        raw = given[here]
         chunk = Chunk(
-            qpos=smooth, raw=given, time=self.time[start:stop],
+            qpos=raw if smooth is given else smooth[here], raw=raw, force=force[here],
+            raw_pose=Pose(pose.position[here], pose.rotation[here]), moment=moment[here],
+            time=self.time[start:stop],
             keep=slice(first - start, last - start), reach=self._reach,
             declared=None if self._declared is None else self._declared(start, stop),
         )  # fmt: skip
         found = analyse_chunk(self._work, chunk)
-        self.series.add({name: _slim(name, part) for name, part in found.items()})
+        self.series.add({name: _slim(part) for name, part in found.items()})
 
     def finish(self) -> None:
         """Add what takes the clip as a whole: pushes smeared by the filter, and friction."""
         if "required_force" not in self.series:
             return
         required = np.asarray(self.series["required_force"], dtype=np.float64)
-        path = np.asarray(self.series["given_com"], dtype=np.float64)
-        gravity = float(np.linalg.norm(self._work.character.model.opt.gravity))
-        force = straight(required, path, self.fps, self._hz, gravity)
-        anywhere = np.ones(len(force), dtype=bool)
-        ringing = np.minimum(pushed(force[:, 2], anywhere, self.fps, self._hz), 0.0)
-        found: Series = {"straight_force": force, "ringing": ringing}
-        if "touching" in self.series:
-            near = dilated(np.asarray(self.series["touching"], dtype=np.int64) > 0, 1)
-            found["pushed"] = pushed(force[:, 2], near, self.fps, self._hz)
+        anywhere = np.full(len(required), self._work.character.foot_friction)
+        pushed = explained_force(required, anywhere, self.fps, self._hz)
+        ringing = np.minimum(pushed[:, 2], 0.0)
+        found: Series = {"ringing": ringing}
+        if "grip" in self.series:
+            grip = near_contact(np.asarray(self.series["grip"], dtype=np.float64))
+            explained = explained_force(required, grip, self.fps, self._hz)
+            found["explained_force"] = explained
+            found["unexplained_force"] = np.linalg.norm(required - explained, axis=1)
+            found |= self._moments(required)
         with np.errstate(divide="ignore", invalid="ignore"):
             demand = np.linalg.norm(required[:, :2], axis=1) / (required[:, 2] - ringing)
         found["friction_demand"] = np.where(required[:, 2] > SUPPORT_BW, demand, np.nan)
-        self.series.add({name: _slim(name, part) for name, part in found.items()})
+        self.series.add({name: _slim(part) for name, part in found.items()})
 
-    def _filtered(self, hz: float, start: int, stop: int) -> Floats:
-        """Frames start to stop of the filtered clip, as if it had been filtered as a whole."""
-        # By then the filter has forgotten all but 1e-19.
-        poles = butter(2, 2 * hz / self.fps, output="zpk")[1]
-        reach = math.ceil(math.log(1e-19) / math.log(float(np.abs(poles).max())))
-        before, behind = max(0, start - reach), min(len(self.time), stop + reach)
-        smooth = lowpass(self._work.character, self.poses(before, behind), self.fps, hz)
-        return smooth[start - before : stop - before]
+    def _moments(self, required: Floats) -> Series:
+        """What remains of the moment, and the same as a centre of pressure."""
+        arm = np.asarray(self.series["arm"], dtype=np.float64)
+        rest = np.asarray(self.series["moment_rest"], dtype=np.float64)
+        lobes = side_lobes(required, arm, self.fps, self._hz)
+        left = np.maximum(np.linalg.norm(rest, axis=1) - lobes, 0.0)
+        tips = np.maximum(np.hypot(rest[:, 0], rest[:, 1]) - lobes, 0.0)
+        borne = np.asarray(self.series["supported"], dtype=np.bool_) & (required[:, 2] > BORNE_BW)
+        height = max(self._work.character.com_height, 1e-3)
+        outside = tips * height / np.where(borne, required[:, 2], np.nan)
+        return {"side_lobes": lobes, "unexplained_moment": left, "cop_outside": outside}
+
+    def _required(self, pose: Pose) -> tuple[Floats, Floats]:
+        """Force (T, 3) BW and moment (T, 3) BW h, filtered; zeros where they cannot be had.
+
+        The filter is linear: what it makes of the wrench is what forces look like through it, while
+        the wrench of filtered coordinates has their corners cut.
+        """
+        if len(pose.position) < 3 or not self._work.character.has_root:
+            return np.zeros((len(pose.position), 3)), np.zeros((len(pose.position), 3))
+        wrench = external_wrench(self._work.character, pose, 1 / self.fps)
+        return (
+            filtered(wrench.force, self.fps, self._hz), filtered(wrench.moment, self.fps, self._hz)
+        )  # fmt: skip
 
 
 def _interpolated(
@@ -163,11 +201,8 @@ def _nearest(declared: Flags, place: Floats, first: int, last: int) -> Bools:
     return near
 
 
-def _slim(name: str, series: NDArray[np.generic]) -> NDArray[np.generic]:
-    """A series as it is kept: in single precision, six digits of whatever it measures.
-
-    The CoM's path will be differentiated and stays as it is.
-    """
-    if name == "given_com" or series.dtype == np.bool_:
+def _slim(series: NDArray[np.generic]) -> NDArray[np.generic]:
+    """A series as it is kept: in single precision, six digits of whatever it measures."""
+    if series.dtype == np.bool_:
         return series
     return series.astype(np.float32 if series.dtype.kind == "f" else np.int32)

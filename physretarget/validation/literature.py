@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from physretarget import kinematics
 from physretarget.validation.analysis import CHUNK, Analysis
-from physretarget.validation.geometry import lowest_points
 
 Floats = NDArray[np.float64]
 
@@ -117,11 +116,10 @@ def _places(analysis: Analysis, bodies: list[int], first: int, last: int) -> Flo
     """(last - first, feet, 3) the centre of each foot, its height that of its lowest point."""
     points, floor = analysis.work.points, analysis.character.floor_height
     pose = kinematics.forward(analysis.character.tree, analysis.poses(first, last))
-    low = lowest_points(pose, points)
-    rows = np.arange(len(low))
-    feet = np.empty((len(low), len(bodies), 3))
+    rows = np.arange(last - first)
+    feet = np.empty((len(rows), len(bodies), 3))
     for k, body in enumerate(bodies):
-        own = low[:, points.body == body]
+        own = points.of_body(body).lowest(pose)
         feet[:, k] = own.mean(axis=1)
         feet[:, k, 2] = own[rows, own[..., 2].argmin(axis=1), 2] - floor
     return feet

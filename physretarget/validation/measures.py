@@ -149,7 +149,7 @@ def _flight(a: Analysis) -> Iterator[tuple[str, Measure]]:
         "flight_com_acceleration_error_rms",
         Measure(value=rms(error[judged]), unit="m/s^2", frame=worst),
     )
-    moment = np.where(judged, np.linalg.norm(a["required_moment"], axis=1), np.nan)
+    moment = np.where(judged, states.flight_moment(a), np.nan)
     yield (
         "flight_moment_rms_bwh",
         Measure(value=rms(moment[judged]), unit="BW h", frame=peak(a, moment, "BW h").frame),

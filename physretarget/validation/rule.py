@@ -11,6 +11,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
+from physretarget.kinematics import runs as runs
 from physretarget.options.judging import Profile, Severity
 from physretarget.validation.analysis import Analysis
 from physretarget.validation.report import Finding
@@ -156,12 +157,6 @@ def _worst(found: list[Finding]) -> list[Finding]:
 def most_severe(found: list[Finding]) -> tuple[Finding, ...]:
     """The worst MAX_FINDINGS, errors first."""
     return tuple(_worst(found))
-
-
-def runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """First and last index of every stretch of True."""
-    edges = np.flatnonzero(np.diff(np.r_[0, flags.astype(np.int8), 0]))
-    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def dof_names(analysis: Analysis) -> list[str]:

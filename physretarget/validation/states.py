@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from physretarget.ground.response import dilated, reach_frames
 from physretarget.validation.analysis import Analysis
 from physretarget.validation.rule import runs
-from physretarget.validation.smear import dilated, reach_frames
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
@@ -60,14 +60,14 @@ def flight(analysis: Analysis) -> Bools:
 
 def floating(analysis: Analysis) -> Bools:
     """(T,) nothing touches, yet more support is required than contacts nearby can have left."""
-    missing = analysis["straight_force"][:, 2] - analysis["pushed"]
+    missing = analysis["required_force"][:, 2] - analysis["explained_force"][:, 2]
     needs: Bools = missing > FLOAT_BW
     return airborne(analysis) & needs & known(analysis)
 
 
 def floating_margin(analysis: Analysis) -> Floats:
     """(T,) above 0 where the character floats, by how much in shares of both limits."""
-    missing = analysis["straight_force"][:, 2] - analysis["pushed"]
+    missing = analysis["required_force"][:, 2] - analysis["explained_force"][:, 2]
     height = analysis["clearance"] / analysis.tolerance
     margin: Floats = np.minimum(height, missing / FLOAT_BW - 1)
     return margin
@@ -83,12 +83,16 @@ def free_flight(analysis: Analysis) -> Bools:
 
 
 def flight_error(analysis: Analysis) -> Floats:
-    """(T,) m/s^2 that the CoM's acceleration is off gravity, what the filter made taken out."""
-    force = analysis["straight_force"].copy()
-    force[:, 2] -= analysis["pushed"]
+    """(T,) m/s^2 that the CoM's acceleration is off gravity, what contacts nearby do left out."""
     gravity = float(np.linalg.norm(analysis.character.model.opt.gravity))
-    error: Floats = np.linalg.norm(force, axis=1) * gravity
-    return error
+    return analysis["unexplained_force"] * gravity
+
+
+def flight_moment(analysis: Analysis) -> Floats:
+    """(T,) BW h that turn the body, less what the filter's side lobes may show of contacts."""
+    moment = np.linalg.norm(analysis["required_moment"], axis=1)
+    left: Floats = np.maximum(moment - analysis["side_lobes"], 0.0)
+    return left
 
 
 def too_short(analysis: Analysis) -> str | None:

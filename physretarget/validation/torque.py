@@ -8,9 +8,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from physretarget.ground.support import Support
 from physretarget.kinematics import Pose
 from physretarget.mjcf import Character
-from physretarget.validation.support import Support
 
 Floats = NDArray[np.float64]
 Series = dict[str, NDArray[np.generic]]

@@ -10,8 +10,8 @@ from physretarget.balance import BalanceSettings, balance
 from physretarget.balance.follow import DEEPEST, followed, raised
 from physretarget.balance.hold import held
 from physretarget.errors import InputError
+from physretarget.ground.undersides import lowest_heights, solids
 from physretarget.mjcf import derivatives, momentum
-from physretarget.mjcf.surface import lowest_heights, solids
 
 
 def _contacts(character, qpos):

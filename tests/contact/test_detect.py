@@ -10,7 +10,7 @@ from physretarget.capture import load
 from physretarget.capture.actor import CONTACT_POINTS
 from physretarget.contact import detect_phases
 from physretarget.contact.detect import detect
-from physretarget.contact.phases import runs
+from physretarget.kinematics import runs
 
 NAMES = ("left_heel", "left_toe", "right_heel", "right_toe")
 

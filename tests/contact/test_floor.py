@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import mujoco
-import numpy as np
 import pytest
 
 from physretarget import capture, kinematics
 from physretarget.demo import models_folder
+from physretarget.ground.undersides import lowest_heights, solids
 from physretarget.pipeline import retarget
 from physretarget.reproduce.takes import PENETRATION_LIMIT, SKATE_LIMIT, learned, planted
-from physretarget.validation.geometry import lowest_points, of_geoms
 
 CASES = {
     "lamp": ("run_angry", "walk_happy"),
@@ -25,16 +23,14 @@ CASES = {
 def test_no_part_of_a_body_sinks_and_no_planted_point_skates(data: Path, name: str) -> None:
     mapper = learned(models_folder(), name)
     character = mapper.character
-    model = character.model
-    solid = model.geom_type != mujoco.mjtGeom.mjGEOM_PLANE
-    every = of_geoms(character, np.flatnonzero(solid & (model.geom_bodyid > 0)))
+    every = solids(character)
     for action in CASES[name]:
         path = data / "bvh" / "bandai" / f"dataset-1_{action}_001.bvh"
         result = retarget(capture.load(path), mapper)
         assert result.contacted is not None
         assert result.physical is not None
         for qpos in (result.contacted.qpos, result.physical.qpos):
-            low = lowest_points(kinematics.forward(character.tree, qpos), every)[..., 2].min()
+            low = lowest_heights(every, kinematics.forward(character.tree, qpos)).min()
             assert low - character.floor_height > -PENETRATION_LIMIT, action
         _, skate = planted(
             character, result.physical.qpos, result.contacted.active, result.motion.time

@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from physretarget.contact import Phases, read_phases, write_phases
-from physretarget.contact.phases import from_intervals, runs
+from physretarget.contact.phases import from_intervals
 from physretarget.errors import InputError
+from physretarget.kinematics import runs
 
 NAMES = ("left_toe", "right_heel", "pelvis")
 

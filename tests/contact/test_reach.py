@@ -10,8 +10,8 @@ import pytest
 from physretarget import kinematics
 from physretarget.contact import ContactSettings, Phases, adjust
 from physretarget.contact.sole import allowed_tilt, make_sole, with_underside
+from physretarget.ground.undersides import lowest_heights, solids
 from physretarget.mjcf import Character
-from physretarget.mjcf.surface import lowest_heights, solids
 
 NAMES = ("left_heel", "left_toe", "right_heel", "right_toe")
 FPS = 60.0

@@ -13,9 +13,10 @@ import pytest
 
 from physretarget.clip import Clip
 from physretarget.errors import UsageError
+from physretarget.kinematics import runs
 from physretarget.mjcf import Character
 from physretarget.report import retarget_html
-from physretarget.report.charts import Chart, Series, finding_lanes, latent_plot, runs
+from physretarget.report.charts import Chart, Series, finding_lanes, latent_plot
 from physretarget.report.document import document_marks, measure_tiles
 from physretarget.report.html import render_html
 from physretarget.report.retarget_data import (

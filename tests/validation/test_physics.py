@@ -145,25 +145,25 @@ ALTERED: dict[str, tuple[Callable[[Clip], Clip], tuple[str, str], tuple[str, str
     "slid at 0.2 m/s": (slid, ("CON002", ""), ("CON002", "")),
     "1.5 times as fast": (
         faster,
-        ("DYN001 DYN003 DYN006", "DYN002 DYN005 DYN009"),
-        ("DYN001 DYN003", "DYN002 DYN005"),
+        ("DYN001 DYN003 DYN005 DYN006", "DYN002 DYN009"),
+        ("DYN001 DYN003 DYN005", "DYN002"),
     ),
     "upside down": (
         mirrored,
-        ("CON001 CON003 DYN001 DYN002 DYN003", "CON002"),
-        ("CON001 CON003 DYN001 DYN003", "CON002 DYN002"),
+        ("CON001 CON003 DYN001 DYN002 DYN003", ""),
+        ("CON001 CON003 DYN001 DYN003", "DYN002"),
     ),
     "left hip flipped": (
         flipped(7),
-        ("DYN001 DYN002 DYN003 DYN004", "DYN005"),
-        ("DYN001", "DYN002 DYN005"),
+        ("DYN001 DYN002 DYN003 DYN004 DYN005", ""),
+        ("DYN001 DYN004 DYN005", "DYN002"),
     ),
     "left knee flipped": (
         flipped(8),
-        ("CON001 CON002 DYN001 DYN003 DYN004 KIN001", "DYN002 DYN005"),
-        ("CON002 KIN001", "CON001 DYN001 DYN002 DYN005"),
+        ("CON001 CON002 DYN001 DYN002 DYN003 DYN004 DYN005 KIN001", ""),
+        ("CON002 DYN005 KIN001", "CON001 DYN001 DYN003"),
     ),
-    "left ankle flipped": (flipped(9), ("CON001", ""), ("CON001", "")),
+    "left ankle flipped": (flipped(9), ("CON001 DYN005", "CON002"), ("CON001", "DYN005")),
 }
 
 
@@ -262,7 +262,7 @@ def test_generated_robot_clips(data: Path, name: str) -> None:
         assert value(report, "pull_frames_fraction") == pytest.approx(0.1, abs=0.02)
     else:
         assert forces == set()
-        near = {"walk": (0.69, 1.65), "wave": (0.96, 1.03)}[name]
+        near = {"walk": (0.69, 1.67), "wave": (0.96, 1.03)}[name]
         assert (low, high) == pytest.approx(near, abs=0.01)
 
 
@@ -270,7 +270,7 @@ def test_unfiltered_walk_reads_as_published(data: Path) -> None:
     clip, character = g1(data, "walk")
     report = validate(clip, character)
     assert value(report, "required_force_vertical_min_bw") == pytest.approx(0.30, abs=0.01)
-    assert value(report, "required_force_vertical_max_bw") == pytest.approx(2.45, abs=0.01)
+    assert value(report, "required_force_vertical_max_bw") == pytest.approx(2.47, abs=0.01)
 
 
 @pytest.mark.parametrize(

@@ -25,9 +25,9 @@ A foot that dips 3 cm below the floor at heel strike.
 from __future__ import annotations
 
 from physretarget.validation.analysis import Analysis
-from physretarget.validation.elsewhere import on_slope
+from physretarget.validation.external_contacts import on_slope
 from physretarget.validation.rule import Limit, Limits, Rule, Verdict, exceeding
-from physretarget.validation.yielding import landing_depth
+from physretarget.validation.soft_contact import landing_depth
 
 
 def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:

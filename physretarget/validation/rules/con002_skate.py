@@ -26,7 +26,7 @@ A walk whose stance foot drifts forward at 0.2 m/s.
 from __future__ import annotations
 
 from physretarget.validation.analysis import Analysis
-from physretarget.validation.elsewhere import on_slope
+from physretarget.validation.external_contacts import on_slope
 from physretarget.validation.rule import Limit, Limits, Rule, Verdict, most_severe, runs
 
 

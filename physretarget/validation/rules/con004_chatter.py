@@ -24,7 +24,7 @@ import numpy as np
 
 from physretarget.validation import states
 from physretarget.validation.analysis import Analysis
-from physretarget.validation.elsewhere import on_slope
+from physretarget.validation.external_contacts import on_slope
 from physretarget.validation.rule import Limit, Limits, Rule, Verdict, exceeding
 
 

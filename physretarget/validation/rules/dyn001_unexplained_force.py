@@ -4,8 +4,8 @@ What it does
 ------------
 The force that the motion requires minus the best force that friction cones at the touching
 points can give, points included that touch a frame (or the filter's reach) earlier or later.
-What the filter itself makes (ringing, corners cut) is taken off. Frames in the air are left to
-CON003, DYN006 and DYN007.
+What the filter itself makes of such forces (its ringing) is explained. Frames in the air are left
+to CON003, DYN006 and DYN007.
 
 Why it matters
 --------------
@@ -38,9 +38,8 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
         return Verdict(not_covered=analysis.no_forces_because)
     if held := states.held_elsewhere(analysis):
         return Verdict(not_covered=held)
-    made = np.linalg.norm(analysis["required_force"] - analysis["straight_force"], axis=1)
-    rest = analysis["unexplained_force"] - made + analysis["ringing"]
-    series = np.where(states.flight(analysis) | ~states.known(analysis), np.nan, rest)
+    unjudged = states.flight(analysis) | ~states.known(analysis)
+    series = np.where(unjudged, np.nan, analysis["unexplained_force"])
     return exceeding(
         analysis, rule, series, warning=limits["warning"], error=limits["error"], unit="BW",
         message="{value} {unit} of force are explained by no contact (limit {limit})",

@@ -2,9 +2,10 @@
 
 What it does
 ------------
-The moment about the CoM that the motion requires minus the best that friction cones at the
-touching points, or those touching within reach, can give, in body weight times CoM height. Frames
-in the air are left to CON003, DYN006 and DYN007.
+The moment about the CoM that remains when friction cones at the touching points, or those touching
+within reach, explain the force, and the moment as far as they can; in body weight times CoM height.
+What the filter's side lobes make of shocks is taken off. Frames in the air are left to CON003,
+DYN006 and DYN007.
 
 Why it matters
 --------------

@@ -34,7 +34,7 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
         return Verdict(not_covered=analysis.no_forces_because)
     if held := states.held_elsewhere(analysis):
         return Verdict(not_covered=held)
-    pull = analysis["ringing"] - analysis["straight_force"][:, 2]
+    pull = analysis["ringing"] - analysis["required_force"][:, 2]
     return exceeding(
         analysis, rule, np.where(states.known(analysis), pull, np.nan), warning=limits["warning"],
         error=limits["error"], unit="BW", sign=-1.0,

@@ -37,7 +37,7 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     if short := states.too_short(analysis):
         return Verdict(not_covered=short)
     judged = states.free_flight(analysis)
-    moment = np.linalg.norm(analysis["required_moment"], axis=1)
+    moment = states.flight_moment(analysis)
     return exceeding(
         analysis, rule, np.where(judged, moment, np.nan), warning=limits["warning"],
         error=limits["error"], unit="BW h", minimum_s=0.05,

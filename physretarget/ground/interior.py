@@ -2,7 +2,7 @@
 
 Primal-dual path following with Nesterov-Todd scaling and Mehrotra's corrector, as in
 Vandenberghe's notes on CVXOPT's cone programmes (2010). Takes some fifteen iterations whatever
-the data; the Newton method of :mod:`physretarget.validation.cones` is faster where it does not
+the data; the Newton method of :mod:`physretarget.ground.cones` is faster where it does not
 zigzag, and finishes to full precision what this one begins.
 
     minimise 1/2 |b - A x|^2 + 1/2 sum rho |x_i|^2 over x_i in the second-order cone,

@@ -8,17 +8,12 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from numpy.typing import NDArray
-from scipy.optimize import minimize
-from scipy.spatial import ConvexHull
 
 from physretarget import kinematics
-from physretarget.clip import Clip
+from physretarget.ground.cones import RHO, fit_forces
+from physretarget.ground.contacts import find_contacts
+from physretarget.ground.undersides import undersides
 from physretarget.mjcf import Character
-from physretarget.validation.cones import RHO, fit_forces
-from physretarget.validation.contacts import find_touch, hull_distance
-from physretarget.validation.geometry import candidates, lowest_points
-from physretarget.validation.support import find_support
-from physretarget.validation.torque import contact_torque
 
 Array = NDArray[np.float64]
 
@@ -131,27 +126,6 @@ def test_pull_and_no_points_leave_everything_unexplained() -> None:
     np.testing.assert_allclose(fit.residual, wrench, atol=1e-12)
 
 
-def test_hull_distance_against_a_quadratic_programme() -> None:
-    rng = np.random.default_rng(5)
-    corners = rng.normal(size=(60, 6, 2))
-    mask = rng.random((60, 6)) < 0.6
-    mask[:, 0] = True
-    point = 2 * rng.normal(size=(60, 2))
-    found = hull_distance(point, corners, mask)
-    for t in range(60):
-        p = corners[t, mask[t]]
-        inside = len(p) > 2 and bool(
-            (ConvexHull(p).equations @ np.r_[point[t], 1] <= 1e-12).all()
-        )  # fmt: skip
-        best = minimize(
-            lambda w, p=p, t=t: float(np.sum((w @ p - point[t]) ** 2)),
-            np.full(len(p), 1 / len(p)), bounds=[(0, 1)] * len(p), method="SLSQP",
-            constraints={"type": "eq", "fun": lambda w: w.sum() - 1}, options={"ftol": 1e-14},
-        )  # fmt: skip
-        expected = 0.0 if inside else np.sqrt(best.fun)
-        assert found[t] == pytest.approx(expected, abs=2e-5)
-
-
 SHAPES = """<mujoco><asset><mesh name="m" vertex="0 0 0 .2 0 0 0 .1 0 0 0 .3 .1 .1 .1"/></asset>
 <worldbody><body name="a" pos="0 0 1"><freejoint/>
 <geom type="sphere" size=".1" pos=".3 0 0"/>
@@ -169,7 +143,7 @@ def test_lowest_points_agree_with_collision_distances() -> None:
     qpos = np.c_[rng.normal(size=(20, 3)), rng.normal(size=(20, 4))]
     qpos[:, 3:] /= np.linalg.norm(qpos[:, 3:], axis=1, keepdims=True)
     pose = kinematics.forward(character.tree, qpos)
-    ours = lowest_points(pose, candidates(character))[..., 2].min(axis=1)
+    ours = undersides(character).lowest(pose)[..., 2].min(axis=1)
     # A plane far below: MuJoCo's own distance of each geom to it.
     plane = '<worldbody><geom name="floor" type="plane" size="1 1 .1" pos="0 0 -9"/>'
     model = mujoco.MjModel.from_xml_string(SHAPES.replace("<worldbody>", plane))
@@ -180,31 +154,7 @@ def test_lowest_points_agree_with_collision_distances() -> None:
         apart = [
             mujoco.mj_geomDistance(model, data, 0, g, 100.0, None) for g in range(1, model.ngeom)
         ]
-        # The cylinder's rim is a polygon: up to 0.9 % of its radius.
-        assert ours[t] == pytest.approx(min(apart) - 9, abs=1e-3)
-
-
-def test_contact_torque_is_the_transposed_jacobian(biped: Character, hop: Clip) -> None:
-    qpos = hop.qpos[:40:8]
-    pose = kinematics.forward(biped.tree, qpos)
-    com = np.random.default_rng(1).normal(size=(len(qpos), 3))
-    near = find_touch(candidates(biped), pose, 0.0, 0.02)
-    touch = find_support(near, com, slice(0, len(qpos)), 0)
-    rng = np.random.default_rng(0)
-    force = rng.normal(size=touch.position.shape) * touch.mask[..., None]
-    ours = contact_torque(biped, pose, touch, force, com)
-    data = mujoco.MjData(biped.model)
-    for t in range(len(qpos)):
-        data.qpos[:] = qpos[t]
-        mujoco.mj_kinematics(biped.model, data)
-        mujoco.mj_comPos(biped.model, data)
-        expected = np.zeros(biped.model.nv)
-        for k in range(touch.mask.shape[1]):
-            jacobian = np.zeros((3, biped.model.nv))
-            body = int(touch.body[t, k])
-            mujoco.mj_jac(biped.model, data, jacobian, None, touch.position[t, k], body)
-            expected += jacobian.T @ force[t, k]
-        np.testing.assert_allclose(ours[t, 6:], expected[6:], atol=1e-9)
+        assert ours[t] == pytest.approx(min(apart) - 9, abs=1e-6)
 
 
 def test_touching_points_are_few_and_outermost() -> None:
@@ -214,8 +164,8 @@ def test_touching_points_are_few_and_outermost() -> None:
         name="disc",
     )
     pose = kinematics.forward(character.tree, character.reference_qpos[None])
-    touch = find_touch(candidates(character), pose, 0.0, 0.01)
-    assert touch.mask.sum() == 8
-    assert touch.lowest[0] == pytest.approx(0, abs=1e-12)
-    far = np.linalg.norm(touch.position[0, :, :2], axis=1)
+    found = find_contacts(undersides(character), pose, 0.0, 0.01)
+    assert (found.outer.sum(), found.mask.sum()) == (8, 24)
+    assert found.lowest[0] == pytest.approx(0, abs=1e-12)
+    far = np.linalg.norm(found.position[0, :, :2], axis=1)
     np.testing.assert_allclose(far, 0.2, rtol=1e-9)

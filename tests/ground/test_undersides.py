@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from physretarget import kinematics
+from physretarget.ground.undersides import lowest_heights, solids
 from physretarget.mjcf import Character
-from physretarget.mjcf.surface import lowest_heights, solids
 
 SHAPES = {
     "sphere": 'type="sphere" size=".07"',

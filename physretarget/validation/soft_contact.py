@@ -19,8 +19,6 @@ from numpy.typing import NDArray
 
 from physretarget import kinematics
 from physretarget.validation.analysis import Analysis
-from physretarget.validation.contacts import of_body
-from physretarget.validation.geometry import lowest_heights
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -68,9 +66,8 @@ def _fastest(
     ``pose`` is that of ``rows``.
     """
     work = analysis.work
-    solid = work.solid if len(work.solid) else work.points
     height = np.full(frames, np.nan)
-    height[rows] = lowest_heights(pose, of_body(solid, body)).min(axis=1)
+    height[rows] = work.points.of_body(body).heights(pose).min(axis=1)
     down: Floats = np.nan_to_num(np.maximum(-np.diff(height, prepend=np.nan), 0.0)) * analysis.fps
     return down
 

@@ -1,23 +1,27 @@
 """Contact forces that best explain a wrench: an exact, batched second-order cone fit.
 
-For every frame, with n touching points p_i, friction mu and a wrench b (6,):
+For every frame, with n touching points p_i, friction mu_i and a wrench b (6,):
 
-    minimise  1/2 |sum_i A_i f_i - b|^2 + 1/2 sum_i rho_i |S f_i|^2   over  |f_it| <= mu f_iz
+    minimise  1/2 r.W r + 1/2 sum_i rho_i |S_i f_i|^2,   r = b - sum_i A_i f_i,
+    over  |f_it| <= mu_i f_iz
 
 A_i = [1; (p_i - c)x / h] maps a force to force and moment about c, the moment scaled by a
-height h, so that both halves count in body weights. S = diag(1, 1, mu) makes the cone its own
-dual. rho (about 1e-7) makes the forces unique and lets the caller prefer some points; it moves
-the residual by that order only.
+height h, so that both halves count in body weights. W weighs the force that remains against the
+moment that remains: 1 for the distance from the cone of contact wrenches, some thousands for the
+moment that is left when the force is explained (its error: the arm over the weight).
+S = diag(1, 1, mu) makes the cone its own dual. rho (about 1e-7) makes the forces unique and lets
+the caller prefer some points; it moves the residual by that order only.
 
-The dual has six unknowns however many points there are. With y the residual b - sum A_i f_i
-and P the projection on the second-order cone,
+The dual has six unknowns however many points there are. With P the projection on the
+second-order cone,
 
-    phi(y) = 1/2 |y|^2 - b.y + sum_i |P(z_i)|^2 / (2 rho_i),  z_i = S^-1 A_i^T y,
-    S f_i = P(z_i) / rho_i
+    phi(y) = 1/2 y.W^-1 y - b.y + sum_i |P(z_i)|^2 / (2 rho_i),  z_i = S_i^-1 A_i^T y,
+    r = W^-1 y,  S_i f_i = P(z_i) / rho_i
 
 is strongly convex with a piecewise smooth gradient: a semismooth Newton method with a line
 search solves all frames at once (Qi and Sun 1993). The few frames where it zigzags go through
-an interior-point method first.
+an interior-point method first. Where y is found it is the derivative of the minimum by b, and
+the inverse of phi's Hessian, (W^-1 + sum A_i S_i^-1 P' S_i^-1 A_i^T / rho_i)^-1, the second.
 """
 
 from __future__ import annotations
@@ -27,7 +31,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from physretarget.validation.interior import interior_point
+from physretarget.ground.interior import interior_point
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -36,6 +40,8 @@ Ints = NDArray[np.int64]
 RHO = 1e-7
 # Strong convexity: the residual is as near to its optimum as the gradient is to zero.
 _ROUNDING = 1e-15
+# Ice: a cone of no width has no inside.
+_SMOOTHEST = 1e-3
 _TOLERANCE = 1e-8
 # Most frames need fewer steps; those that zigzag begin again from inside the cones.
 _ITERATIONS, _LAST_ITERATIONS = 18, 30
@@ -46,20 +52,27 @@ _SHORTEST = 0.5**30
 
 @dataclass(frozen=True, eq=False)
 class ConeFit:
-    """Forces (T, n, 3), residual wrench (T, 6), iterations used, converged (T,)."""
+    """Forces (T, n, 3), residual wrench (T, 6), iterations used, converged (T,).
+
+    ``gradient`` (T, 6) is the derivative of the minimum by the wrench; ``curvature`` (T, 6, 6) its
+    second derivative, where that was asked for.
+    """
 
     force: Floats
     residual: Floats
     iterations: int
     converged: Bools
+    gradient: Floats
+    curvature: Floats | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
     """B frames and the P points of all of them, which NumPy runs through at once.
 
-    ``arm`` (3, P), ``inv`` (P,) = 1 / rho and ``frame`` (P,) tell of every point where it is, what
-    force costs there and whose it is; ``b`` (6, B). First come the first points of all frames, then
+    ``arm`` (3, P), ``inv`` (P,) = 1 / rho, ``friction`` (P,) and ``frame`` (P,) tell of every point
+    where it is, what force costs there, how rough it is and whose it is; ``b`` (6, B); ``slack``
+    (6, 1) is the diagonal of W^-1. First come the first points of all frames, then
     the second points of those that have one, and so on: frames with more points stand before
     frames with fewer, so that the k-th points belong to the first ``having[k]`` frames.
     """
@@ -69,7 +82,8 @@ class _Problem:
     frame: Ints
     b: Floats
     having: Ints
-    friction: float
+    friction: Floats
+    slack: Floats
 
     def take(self, chosen: Bools) -> _Problem:
         """Some of the frames."""
@@ -80,7 +94,7 @@ class _Problem:
         having = number[self.having - 1]
         return _Problem(
             self.arm[:, points], self.inv[points], number[self.frame[points]] - 1,
-            self.b[:, chosen], having[having > 0], self.friction,
+            self.b[:, chosen], having[having > 0], self.friction[points], self.slack,
         )  # fmt: skip
 
     def seen(self, y: Floats) -> Floats:
@@ -111,12 +125,15 @@ class _Problem:
 
     def wrench(self, scaled: Floats) -> Floats:
         """(6, B) of forces S f (3, P)."""
-        force = scaled / _scale(self.friction)
+        force = _unscaled(scaled, self.friction)
         return self.sum(np.concatenate([force, _cross(self.arm, force)]))
 
 
-def _scale(friction: float) -> Floats:
-    return np.array([[1.0], [1.0], [friction]])
+def _unscaled(scaled: Floats, friction: Floats) -> Floats:
+    """Forces (3, P) of S f."""
+    force = scaled.copy()
+    force[2] /= friction
+    return force
 
 
 def _cross(left: Floats, right: Floats) -> Floats:
@@ -133,19 +150,27 @@ def fit_forces(
     mask: Bools,
     wrench: Floats,
     *,
-    friction: float,
+    friction: Floats | float,
     rho: Floats | float = RHO,
+    force_weight: float = 1.0,
+    curvature: bool = False,
 ) -> ConeFit:
     """Fit forces in Coulomb cones (z up) to wrenches, every frame at once.
 
     ``arm`` (T, n, 3) are the points relative to the wrench's reference point, divided by the
     height that scales moments; ``mask`` (T, n) the points that exist; ``wrench`` (T, 6) is
-    force and scaled moment. Returns forces in the unit of the wrench. The outcome is a value:
-    see ``converged``.
+    force and scaled moment. ``friction`` and ``rho`` are numbers or (T, n); ``force_weight`` is
+    what a force that remains counts against a moment that does. Returns forces in the unit of the
+    wrench, and the ``curvature`` if it is wanted. The outcome is a value: see ``converged``.
     """
+    slack = np.array([[1 / force_weight]] * 3 + [[1.0]] * 3)
     converged = np.ones(len(mask), dtype=bool)
     force, residual = np.zeros((*mask.shape, 3)), wrench.copy()
     weight = np.broadcast_to(np.asarray(rho, dtype=np.float64), mask.shape)
+    rough = np.broadcast_to(np.asarray(friction, dtype=np.float64), mask.shape)
+    rough = np.maximum(rough, _SMOOTHEST)
+    gradient = wrench / slack.T
+    curved = np.tile(np.diag(1 / slack[:, 0]), (len(mask), 1, 1)) if curvature else None
     counts = mask.sum(axis=1)
     rows = np.argsort(-counts, kind="stable")[: np.count_nonzero(counts)]
     begun: Floats | None = None
@@ -154,20 +179,30 @@ def fit_forces(
     for most in (_ITERATIONS, _LAST_ITERATIONS):
         if len(rows) == 0:
             break
-        problem, pick = _gathered(arm, mask, weight, wrench, rows, friction)
+        problem, pick = _gathered(arm, mask, weight, wrench, rows, rough, slack)
         y, done, used = _newton(problem, _start(problem) if begun is None else begun, most)
         scaled = _project(problem.seen(y), problem.inv)[0]
-        force[pick] = (scaled / _scale(friction)).T
+        force[pick] = _unscaled(scaled, problem.friction).T
         residual[rows] = (problem.b - problem.wrench(scaled)).T
+        gradient[rows] = y.T
+        if curved is not None:
+            hessian = _derivatives(problem, y, problem.seen(y))[1]
+            curved[rows] = np.linalg.inv(hessian.transpose(2, 0, 1))
         converged[rows], iterations = done, iterations + used
         rows = rows[~done]
         if begun is None and len(rows):
-            begun = _from_inside(arm, mask, weight, wrench, rows, friction)
-    return ConeFit(force, residual, iterations, converged)
+            begun = _from_inside(arm, mask, weight, wrench, rows, rough, slack)
+    return ConeFit(force, residual, iterations, converged, gradient, curved)
 
 
 def _gathered(
-    arm: Floats, mask: Bools, weight: Floats, wrench: Floats, rows: Ints, friction: float
+    arm: Floats,
+    mask: Bools,
+    weight: Floats,
+    wrench: Floats,
+    rows: Ints,
+    friction: Floats,
+    slack: Floats,
 ) -> tuple[_Problem, tuple[Ints, Ints]]:
     """The problem of some frames, most points first, and where its points come from."""
     counts = mask[rows].sum(axis=1)
@@ -176,24 +211,33 @@ def _gathered(
     pick = (rows[frame], columns[frame, which])
     problem = _Problem(
         np.ascontiguousarray(arm[pick].T), 1 / weight[pick], frame,
-        np.ascontiguousarray(wrench[rows].T), np.bincount(which), friction,
+        np.ascontiguousarray(wrench[rows].T), np.bincount(which), friction[pick], slack,
     )  # fmt: skip
     return problem, pick
 
 
 def _from_inside(
-    arm: Floats, mask: Bools, weight: Floats, wrench: Floats, rows: Ints, friction: float
+    arm: Floats,
+    mask: Bools,
+    weight: Floats,
+    wrench: Floats,
+    rows: Ints,
+    friction: Floats,
+    slack: Floats,
 ) -> Floats:
     """(6, B) where the interior-point method ends. A point that is not there maps to nothing."""
     width = int(mask[rows].sum(axis=1).max())
     columns = np.argsort(~mask[rows], axis=1, kind="stable")[:, :width]
     pick = (rows[:, None], columns)
-    maps = _maps(arm[pick], friction) * mask[pick][..., None, None]
+    maps = _maps(arm[pick], friction[pick]) * mask[pick][..., None, None]
     cost = np.where(mask[pick], weight[pick], 1.0)
-    return interior_point(maps.reshape(len(rows), -1, 6), wrench[rows], cost).T
+    # Rows scaled by the root of W: the distance is the plain one.
+    scale = 1 / np.sqrt(slack[:, 0])
+    inside = interior_point((maps * scale).reshape(len(rows), -1, 6), wrench[rows] * scale, cost)
+    return (inside * scale).T
 
 
-def _maps(arm: Floats, friction: float) -> Floats:
+def _maps(arm: Floats, friction: Floats) -> Floats:
     """(T, n, 3, 6): S^-1 A_i^T = S^-1 [1, -(arm x)]."""
     maps = np.zeros((*arm.shape[:2], 3, 6))
     maps[..., 0, 0] = maps[..., 1, 1] = maps[..., 2, 2] = 1
@@ -202,7 +246,7 @@ def _maps(arm: Floats, friction: float) -> Floats:
     maps[..., 0, 4], maps[..., 0, 5] = z, -y
     maps[..., 1, 3], maps[..., 1, 5] = -z, x
     maps[..., 2, 3], maps[..., 2, 4] = y, -x
-    maps[..., 2, :] /= friction
+    maps[..., 2, :] /= friction[..., None]
     return maps
 
 
@@ -238,7 +282,7 @@ def _newton(problem: _Problem, y: Floats, most: int) -> tuple[Floats, Bools, int
 def _derivatives(problem: _Problem, y: Floats, z: Floats) -> tuple[Floats, Floats]:
     """Gradient (6, B) and Hessian (6, 6, B); ``z`` is ``problem.seen(y)``."""
     out, jacobian = _project(z, problem.inv)
-    gradient = y - problem.b
+    gradient = y * problem.slack - problem.b
     gradient += problem.wrench(out)
     jacobian[2] /= problem.friction
     jacobian[:, 2] /= problem.friction
@@ -249,7 +293,7 @@ def _derivatives(problem: _Problem, y: Floats, z: Floats) -> tuple[Floats, Float
     hessian[3:, :3] = problem.sum(turned)
     hessian[:3, 3:] = hessian[3:, :3].swapaxes(0, 1)
     hessian[3:, 3:] = problem.sum(_cross(problem.arm[:, None], turned.swapaxes(0, 1)))
-    hessian[range(6), range(6)] += 1.0
+    hessian[range(6), range(6)] += problem.slack
     return gradient, hessian
 
 
@@ -321,13 +365,13 @@ def _search(problem: _Problem, y: Floats, z: Floats, step: Floats, gradient: Flo
     """Armijo backtracking, each frame its own step length; ``z`` is ``problem.seen(y)``."""
     # Along a step phi is a parabola and what the points add, whose z run straight.
     moved = problem.seen(step)
-    off = y - problem.b
+    off = y * problem.slack - problem.b
     base = _worth(problem, z)
     # The last steps change phi by less than rounding: allow for that.
-    value = base + np.sum((off - 0.5 * y) * y, axis=0)
+    value = base + np.sum((off - 0.5 * problem.slack * y) * y, axis=0)
     parts = np.stack([
         base + 1e-14 * (1 + np.abs(value)), 1e-4 * np.sum(gradient * step, axis=0),
-        np.sum(off * step, axis=0), 0.5 * np.sum(step * step, axis=0),
+        np.sum(off * step, axis=0), 0.5 * np.sum(problem.slack * step * step, axis=0),
     ])  # fmt: skip
     length = np.full(y.shape[1], _SHORTEST)
     rising = np.arange(y.shape[1])

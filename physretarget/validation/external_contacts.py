@@ -21,7 +21,7 @@ Series = dict[str, NDArray[np.generic]]
 
 
 @dataclass(frozen=True, eq=False)
-class Elsewhere:
+class ExternalContacts:
     """A copy of the model in which only character and foreign geoms collide, within a tolerance.
 
     None where the model has nothing foreign that the character could touch.
@@ -31,7 +31,7 @@ class Elsewhere:
     mine: NDArray[np.bool_]
 
     @classmethod
-    def build(cls, character: Character, tolerance: float) -> Elsewhere:
+    def build(cls, character: Character, tolerance: float) -> ExternalContacts:
         """Prepare a model; planes and tops at the height of the floor are the floor."""
         mine = np.isin(character.model.geom_bodyid, character.bodies)
         if not character.has_root:
