@@ -14,9 +14,9 @@ import physretarget
 from physretarget.capture.actor import SEGMENT, ActorMotion, ActorShape
 from physretarget.capture.mot import GroundForce, read_mot, write_forces
 from physretarget.capture.recording import Source
-from physretarget.contact.phases import runs
 from physretarget.errors import InputError, UsageError
 from physretarget.groundtruth import coverage, foot_agreement, load_trial, standing_weight
+from physretarget.kinematics import runs
 from physretarget.kinetics import forces, ground_wrench
 from physretarget.kinetics.flight import Flights, measure_flights
 from physretarget.kinetics.picture import write_picture

@@ -12,7 +12,7 @@ from scipy.optimize import nnls
 from physretarget import kinematics
 from physretarget.capture.actor import SEGMENT, ActorMotion
 from physretarget.contact import Phases
-from physretarget.contact.phases import runs
+from physretarget.kinematics import runs
 from physretarget.kinetics.wrench import GroundWrench
 from physretarget.mjcf import smoothed
 
