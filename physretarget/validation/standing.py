@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from physretarget import kinematics
+from physretarget.ground.undersides import Solid, solids
 from physretarget.mjcf import Character
-from physretarget.mjcf.surface import Solid, solids
 from physretarget.validation.analysis import Analysis
 from physretarget.validation.continuity import Floats
 
