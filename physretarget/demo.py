@@ -7,24 +7,22 @@ is used for its data alone and never imported.
 from __future__ import annotations
 
 import importlib.util
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from physretarget import capture
 from physretarget.errors import InputError, MissingExtraError
-from physretarget.keyposes import load_keyposes
-from physretarget.mjcf import Character
-from physretarget.pipeline import Progress, Retargeted, retarget
+from physretarget.job import mapper_of, run_job
+from physretarget.pipeline import Progress, Retargeted
 from physretarget.report.demo import Card, write_index
 from physretarget.report.retarget import write_retarget_report
-from physretarget.trained import learn
-from physretarget.validation import Report, validate
+from physretarget.validation import Report
 
 MOTIONS = {
     "jump": "humanoid3d_jump.txt",
     "dance": "humanoid3d_dance_a.txt",
 }
-STEPS = 1 + 8 * len(MOTIONS)
+STEPS = 1 + 10 * len(MOTIONS)
 """How often :func:`run` tells its progress."""
 
 SENTENCES = {
@@ -67,24 +65,22 @@ def run(out: str | Path, *, progress: Progress) -> tuple[Path, tuple[Shown, ...]
     out.mkdir(parents=True, exist_ok=True)
     models = models_folder()
     progress("learn the lamp from its key poses")
-    character = Character.load(models / "lamp.xml")
-    mapper = learn(character, load_keyposes([models / "lamp.keyposes.toml"], character))
+    given = {"character": models / "lamp.xml", "keyposes": (models / "lamp.keyposes.toml",)}
+    mapper_of(given)
     shown = []
     for name, file in MOTIONS.items():
-        result = retarget(
-            capture.load(motions / file),
-            mapper,
-            progress=_prefixed(progress, name),
-        )
-        progress(f"{name}: judge and report")
-        report = validate(result.clip, character)
-        page = write_retarget_report(result, mapper, report, out / name)
-        shown.append(Shown(name=name, page=page, result=result, report=report))
+        done = run_job("retarget", motions / file, given, progress=_prefixed(progress, name))
+        assert done.retargeted is not None
+        assert done.mapper is not None
+        assert done.report is not None
+        progress(f"{name}: report")
+        page = write_retarget_report(done.retargeted, done.mapper, done.report, out / name)
+        shown.append(Shown(name=name, page=page, result=done.retargeted, report=done.report))
     return write_index([_card(each) for each in shown], out), tuple(shown)
 
 
-def _prefixed(progress: Progress, name: str) -> Progress:
-    return lambda stage: progress(f"{name}: {stage}")
+def _prefixed(progress: Progress, name: str) -> Callable[[str, float], None]:
+    return lambda stage, share: progress(f"{name}: {stage}") if share == 0 else None
 
 
 def _card(shown: Shown) -> Card:

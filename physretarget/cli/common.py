@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import functools
 import inspect
-import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import typer
 import typer.core
-import typer.models
 from rich.console import Console
 
 from physretarget.errors import UsageError
@@ -32,40 +29,37 @@ Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an e
 debug = False
 
 
-_PLACEHOLDERS = {"Path": "PATH", "float": "NUMBER", "int": "N", "str": "TEXT"}
 _METAVARS = {"path": "PATH", "number": "NUMBER", "whole": "N", "text": "TEXT", "table": "TEXT"}
 
 
 class _Command(typer.core.TyperCommand):
-    """A command whose help names what to write, not the Python types that it becomes."""
+    """A command whose help names what to write: CLIP..., MODEL.xml, not types and braces."""
 
-    def __init__(self, *given: Any, **named: Any) -> None:
-        super().__init__(*given, **named)
-        for parameter in self.params:
-            if isinstance(parameter, typer.core.TyperArgument):
-                # Its own name says what it is: CLIP..., MODEL.xml.
-                parameter.display_type_rich = lambda ctx: None  # type: ignore[method-assign]
-                if parameter.required:
-                    setattr(parameter, "get_usage_pieces", partial(_name_alone, parameter))  # noqa: B010
+    def collect_usage_pieces(self, ctx: Any) -> list[str]:
+        """The command's line of usage."""
+        options = [self.options_metavar] if self.options_metavar else []
+        return [*options, *map(_shown, _arguments(self))]
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """The lists of arguments and options."""
+        arguments = [
+            (_shown(each), f"{each.help} [required]" if each.required else each.help)
+            for each in _arguments(self)
+        ]
+        if arguments:
+            with formatter.section("Arguments"):
+                formatter.write_dl(arguments)
+        options = [each for each in self.get_params(ctx) if each.param_type_name == "option"]
+        with formatter.section("Options"):
+            formatter.write_dl(filter(None, (each.get_help_record(ctx) for each in options)))
 
 
-def _name_alone(argument: typer.core.TyperArgument, _: object) -> list[str]:
-    """For the usage line, where Typer would write {CLIP...}... of a required one."""
-    return [argument.display_name_raw]
+def _arguments(command: typer.core.TyperCommand) -> list[typer.core.TyperArgument]:
+    return [each for each in command.params if isinstance(each, typer.core.TyperArgument)]
 
 
-def _named(annotation: Any) -> Any:
-    """An option without a metavar gets one after its type."""
-    option = next(
-        (m for m in getattr(annotation, "__metadata__", ()) if hasattr(m, "metavar")), None
-    )
-    if isinstance(option, typer.models.OptionInfo) and option.metavar is None:
-        kinds = str(annotation.__origin__).replace("'", " ")
-        for kind, placeholder in _PLACEHOLDERS.items():
-            if re.search(rf"\b{kind}\b", kinds):
-                option.metavar = placeholder
-                break
-    return annotation
+def _shown(argument: typer.core.TyperArgument) -> str:
+    return argument.metavar or str(argument.name).upper()
 
 
 def command(
@@ -81,9 +75,9 @@ def command(
     def register(function: Function) -> Function:
         signature = inspect.signature(function, eval_str=True)
         own = [
-            p.replace(annotation=_named(p.annotation))
-            for p in signature.parameters.values()
-            if p.annotation is not Given
+            parameter
+            for parameter in signature.parameters.values()
+            if parameter.annotation is not Given
         ]
         added = [
             inspect.Parameter(
@@ -122,7 +116,7 @@ def _parameters(option: Option) -> Iterator[inspect.Parameter]:
         value, default = list[value], []
     elif option.kind != "flag":
         value |= None
-    for name in (option.name, *option.aliases):
+    for name in option.names:
         told = typer.Option(
             flag_of(name),
             help=help_of(option),
@@ -146,10 +140,7 @@ def flag_of(name: str) -> str:
 
 def help_of(option: Option) -> str:
     """An option's help with range and default, as the command line shows it."""
-    default = option.default_words and f"default: {option.default_words}"
-    needed = "required" if option.required else ""
-    facts = "; ".join(filter(None, (option.range, default, needed)))
-    return f"{option.help} [{facts}]" if facts else option.help
+    return f"{option.help} [{option.facts}]" if option.facts else option.help
 
 
 def _metavar(option: Option) -> str | None:
@@ -166,7 +157,7 @@ def _typed(parameters: Given, options: Sequence[Option]) -> Given:
     for option in options:
         texts = {
             name: text
-            for name in (option.name, *option.aliases)
+            for name in option.names
             if (text := parameters.pop(f"option_{name}")) not in (None, False) and text != []
         }
         if len(texts) > 1:

@@ -15,9 +15,9 @@ from physretarget.report.text import one_line
 
 @command(app, "demo", example="physretarget demo --out physretarget-demo")
 def demo_command(
-    out: Annotated[Path, typer.Option("--out", help="Folder for clips and reports.")] = Path(
-        "physretarget-demo"
-    ),
+    out: Annotated[
+        Path, typer.Option("--out", metavar="DIR", help="Folder for clips and reports.")
+    ] = Path("physretarget-demo"),
 ) -> None:
     """Have a desk lamp act out a real jump and dance."""
     with progress("demo", steps=demo.STEPS) as step:

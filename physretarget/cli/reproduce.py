@@ -48,12 +48,18 @@ def reproduce_command(
         Path,
         typer.Option(
             "--data",
+            metavar="DIR",
             help="Folder of captures and keys; docs/reproduction.md and docs/face.md say which.",
         ),
     ],
-    out: Annotated[Path, typer.Option("--out", help="Folder for pages, figures and tables.")],
+    out: Annotated[
+        Path, typer.Option("--out", metavar="DIR", help="Folder for pages, figures and tables.")
+    ],
     processes: Annotated[
-        int, typer.Option("--processes", min=1, help="How many takes at a time (yamane2010).")
+        int,
+        typer.Option(
+            "--processes", metavar="N", min=1, help="How many takes at a time (yamane2010)."
+        ),
     ] = 2,
 ) -> None:
     """Make a paper's figures and tables from real data."""

@@ -5,31 +5,24 @@ from __future__ import annotations
 import shlex
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from physretarget import capture, contact
-from physretarget.capture.actor import ActorMotion
 from physretarget.cli import app
 from physretarget.cli.common import Given, command, fail, progress, say, warn
 from physretarget.errors import PhysretargetError, UsageError
-from physretarget.keyposes import load_keyposes
-from physretarget.mapping import NAMES
-from physretarget.mjcf import Character
+from physretarget.job import Done, mapper_of, run_job
 from physretarget.options import LEARN, RETARGET, build
 from physretarget.options.judging import JudgingOptions
-from physretarget.options.motion import CAPTURES, CaptureOptions
-from physretarget.options.retargeting import MapperOptions, MapperSource
-from physretarget.pipeline import STAGES, Retargeted, RetargetSettings, retarget
+from physretarget.options.motion import CAPTURES
+from physretarget.options.retargeting import STAGES, MapperOptions, RetargetSettings
+from physretarget.pipeline import Retargeted
 from physretarget.report.retarget import write_retarget_report
 from physretarget.report.text import one_line
 from physretarget.report.words import count
-from physretarget.trained import TrainedMapper, check_mobile, learn
-from physretarget.validation import RULES, Report, Settings, settings_of, validate
+from physretarget.validation import RULES, settings_of
 
 CAPTURE_ENDINGS = (".bvh", ".c3d", ".trc", ".amc", ".txt", ".json")
 
@@ -52,23 +45,9 @@ def learn_command(given: Given) -> None:
     """
     out: Path = given["out"]
     _ends_in_npz(out)
-    trained = _learn(_mobile(given["character"]), given)
+    trained = mapper_of(given)
     trained.save(out)
     say(f"{out}: {build(MapperOptions, given).mapper} learned from {len(trained.names)} key poses.")
-
-
-def _learn(character: Character, given: Given) -> TrainedMapper:
-    if not given.get("keyposes"):
-        raise UsageError("--keyposes FILE is needed to learn a mapper.")
-    settings = build(MapperOptions, given)
-    poses = load_keyposes(given["keyposes"], character)
-    most = max(len(poses.poses) - 1, 1)
-    if "dims" in given and settings.dims > most:
-        raise UsageError(
-            f"--dims is {settings.dims}; {len(poses.poses)} key poses differ in at most {most} "
-            f"dimensions, so {most} is the most."
-        )
-    return learn(character, poses, **asdict(settings))
 
 
 @command(
@@ -86,56 +65,21 @@ def retarget_command(captures: CapturesArgument, given: Given) -> None:
     height), balanced.
     """
     out: Path = given["out"]
-    settings = build(RetargetSettings, given, seed=given.get("seed", 0))
-    judging = settings_of(given, RULES, JudgingOptions)
     _no_folders(captures)
     targets = _targets(captures, out)
-    contacts = given.get("contacts")
-    trained = _mapper(_mobile(given["character"]), given)
-    job = _Job(
-        trained=trained,
-        settings=settings,
-        judging=judging,
-        phases=contact.read_phases(contacts) if contacts else None,
-        load=partial(
-            capture.load, skeleton=given.get("skeleton"), **asdict(build(CaptureOptions, given))
-        ),
-    )
-    if failed := _each(job, captures, targets, _folders(captures, targets, out, given)):
+    mapper_of(given)  # broken key poses are one error, not one for every capture
+    settings_of(given, RULES, JudgingOptions)
+    if failed := _each(captures, targets, _folders(captures, targets, out, given), given):
         raise typer.Exit(failed)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Job:
-    """What all captures of one call share."""
-
-    trained: TrainedMapper
-    settings: RetargetSettings
-    judging: Settings
-    phases: contact.Phases | None
-    load: Callable[[Path], ActorMotion]
-
-    def run(
-        self, path: Path, target: Path, folder: Path | None, step: Callable[[str], None]
-    ) -> tuple[Retargeted, Report | None]:
-        """Write the clip of one capture; judge it for a report where a folder is given."""
-        step("read")
-        result = retarget(
-            self.load(path), self.trained, settings=self.settings, phases=self.phases, progress=step
-        )
-        result.clip.save(target)
-        if folder is None:
-            return result, None
-        step("report")
-        judged = validate(result.clip, self.trained.character, settings=self.judging)
-        write_retarget_report(result, self.trained, judged, folder)
-        return result, judged
-
-
-def _each(job: _Job, captures: list[Path], targets: list[Path], folders: list[Path | None]) -> int:
+def _each(
+    captures: list[Path], targets: list[Path], folders: list[Path | None], given: Given
+) -> int:
     """Capture after capture; of several, those that cannot be used only set the exit code."""
     # Reading, preparing, mapping and posing come before the first stage that can be the last.
-    steps = 4 + STAGES.index(job.settings.until) + (folders[0] is not None)
+    until = STAGES.index(build(RetargetSettings, given).until)
+    steps = 4 + until + 2 * (folders[0] is not None)
     code = 0
     made: list[Path] = []
     for number, (path, target, folder) in enumerate(
@@ -144,34 +88,48 @@ def _each(job: _Job, captures: list[Path], targets: list[Path], folders: list[Pa
         which = f"{number}/{len(captures)} " if len(captures) > 1 else ""
         try:
             with progress(which + path.name, steps=steps) as step:
-                result, judged = job.run(path, target, folder, step)
+                done = _run(path, target, folder, given, step)
         except PhysretargetError as error:
             if len(captures) == 1:
                 raise
             fail(error)
             code = error.exit_code
             continue
-        _tell(result, target)
-        if judged and folder:
-            say(f"{target}: {one_line(judged)}")
+        assert done.retargeted is not None
+        _tell(done.retargeted, target)
+        if done.report and folder:
+            say(f"{target}: {one_line(done.report)}")
             say(f"{folder / 'report.html'}: the report, with a replay.")
         made.append(target)
     if made and folders[0] is None:
-        say(_how_to_judge(made, job.trained.character))
+        say(_how_to_judge(made, given["character"]))
     return code
 
 
-def _how_to_judge(clips: list[Path], character: Character) -> str:
+def _run(
+    path: Path, target: Path, folder: Path | None, given: Given, step: Callable[[str], None]
+) -> Done:
+    """Write the clip of one capture; judge it for a report where a folder is given."""
+
+    def begin(stage: str, share: float) -> None:
+        if share == 0:
+            step(stage)
+
+    done = run_job("retarget", path, given, judge=folder is not None, progress=begin)
+    done.clip.whole().save(target)
+    if folder is not None:
+        assert done.retargeted is not None
+        assert done.mapper is not None
+        assert done.report is not None
+        step("report")
+        write_retarget_report(done.retargeted, done.mapper, done.report, folder)
+    return done
+
+
+def _how_to_judge(clips: list[Path], character: Path) -> str:
     """The command that gives the verdict on clips that nobody has judged."""
-    words = ["physretarget", "validate", *map(str, clips), "--model", str(character.path)]
+    words = ["physretarget", "validate", *map(str, clips), "--model", str(character)]
     return f"{'Are they' if len(clips) > 1 else 'Is it'} plausible? {shlex.join(words)}"
-
-
-def _mobile(character: Path) -> Character:
-    """The character, refused before anything else is read if it cannot move about."""
-    model = Character.load(character)
-    check_mobile(model)
-    return model
 
 
 def _no_folders(captures: list[Path]) -> None:
@@ -223,18 +181,6 @@ def _folders(
         report / path.stem if report and target != out else report
         for path, target in zip(captures, targets, strict=True)
     ]
-
-
-def _mapper(model: Character, given: Given) -> TrainedMapper:
-    """Read where a file is told, learned where a name is."""
-    mapper = build(MapperSource, given).mapper
-    if mapper in NAMES:
-        return _learn(model, given)
-    trained = TrainedMapper.load(mapper, model)
-    for name in ("keyposes", "dims"):
-        if name in given:
-            raise UsageError(f"--{name} is for learning, but {mapper} has been learned already.")
-    return trained
 
 
 def _tell(result: Retargeted, target: Path) -> None:

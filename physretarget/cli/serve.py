@@ -52,11 +52,12 @@ def serve_command(
         ),
     ] = "127.0.0.1",
     port: Annotated[
-        int, typer.Option("--port", min=0, max=65535, help="0 takes a free one.")
+        int, typer.Option("--port", metavar="N", min=0, max=65535, help="0 takes a free one.")
     ] = 8000,
     data: Data = _DATA,
     history: History = None,
-    workers: Annotated[int, typer.Option("--workers", min=1, max=64, help="Jobs at a time.")] = 2,
+    workers: Annotated[int, typer.Option(
+        "--workers", metavar="N", min=1, max=64, help="Jobs at a time.")] = 2,
     name: Annotated[
         list[str] | None,
         typer.Option(
@@ -73,7 +74,8 @@ def serve_command(
         ),
     ] = None,
     rate: Annotated[
-        float, typer.Option("--rate", min=0, help="Requests a minute of one caller; 0: any number.")
+        float, typer.Option("--rate", metavar="N", min=0,
+            help="Requests a minute of one caller; 0: any number.")
     ] = 1200,
 ) -> None:  # fmt: skip
     """Judge and retarget over HTTP, with a web page.
@@ -107,7 +109,7 @@ def serve_command(
 @command(group, "create", example="physretarget token create --scope submit --name ci")
 def create_command(
     scope: Annotated[str, typer.Option("--scope", help="What it allows.", **complete(_SCOPES))],
-    name: Annotated[str, typer.Option("--name", help="Whose it is, or what for.")],
+    name: Annotated[str, typer.Option("--name", metavar="TEXT", help="Whose it is, or what for.")],
     data: Data = _DATA,
     history: History = None,
 ) -> None:

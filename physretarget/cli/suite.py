@@ -54,7 +54,8 @@ def run_command(
     suite: File,
     out: Out = None,
     workers: Annotated[
-        int | None, typer.Option("--workers", min=1, help="Processes [default: one a core].")
+        int | None, typer.Option(
+            "--workers", metavar="N", min=1, help="Processes [default: one a core].")
     ] = None,
     scheduler: Annotated[
         str | None,
@@ -99,7 +100,8 @@ def run_command(
 def accept_command(
     suite: File,
     note: Annotated[
-        str, typer.Option("--note", help="Why it is accepted; shown in every report.")
+        str,
+        typer.Option("--note", metavar="TEXT", help="Why it is accepted; shown in every report."),
     ] = "",
     clip: Annotated[
         list[str] | None,
@@ -108,7 +110,8 @@ def accept_command(
         ),
     ] = None,
     number: Annotated[
-        int | None, typer.Option("--run", help="Number of the run to accept [default: the last].")
+        int | None,
+        typer.Option("--run", metavar="N", help="Number of the run to accept [default: the last]."),
     ] = None,
     history: History = None,
 ) -> None:
@@ -138,7 +141,8 @@ def report_command(
     suite: File,
     out: Out = None,
     number: Annotated[
-        int | None, typer.Option("--run", help="Number of an earlier run [default: the last].")
+        int | None,
+        typer.Option("--run", metavar="N", help="Number of an earlier run [default: the last]."),
     ] = None,
     history: History = None,
 ) -> None:

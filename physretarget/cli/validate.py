@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass, replace
-from functools import lru_cache, partial
+from dataclasses import dataclass, replace
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Annotated
@@ -16,25 +16,21 @@ from rich.progress import Progress
 from physretarget.cli import app
 from physretarget.cli.common import Given, command, fail, messages, say
 from physretarget.cli.validate_out import Judged, Output
-from physretarget.clip import open_clip
 from physretarget.clip.load import CLIP_SUFFIXES
 from physretarget.errors import InputError, PhysretargetError, UsageError
-from physretarget.mjcf import Character
+from physretarget.job import load_character, run_job
 from physretarget.options import VALIDATE, build
 from physretarget.options.judging import ReportOptions, ValidationOptions
-from physretarget.options.motion import ClipOptions
 from physretarget.report.html import render_html
 from physretarget.report.rules import render_rule, render_rules
 from physretarget.report.words import count
 from physretarget.validation import (
     BY_CODE,
     RULES,
-    Settings,
     apply_baseline,
     load_baseline,
     save_baseline,
     settings_of,
-    validate,
 )
 from physretarget.validation.baseline import Accepted
 
@@ -64,13 +60,12 @@ def validate_command(
     output = Output(format=told.format, fail_on=told.fail_on, path=told.out, several=several)
     output.check()
     job = _Job(
-        model=given["model"],
-        settings=settings_of(given, RULES, ValidationOptions),
+        given=given,
         accepted=load_baseline(told.baseline) if told.baseline else None,
         format=told.format,
-        reading=build(ClipOptions, given),
     )
-    _character(job.model)  # a broken model is one error, not one for every clip
+    load_character(given["model"])  # a broken model is one error, not one for every clip
+    settings_of(given, RULES, ValidationOptions)
     files = _files(clips)
     judged, unread = _judged(files, _outcomes(files, job, told.jobs), several=several)
     reports = [one.report for one in judged]
@@ -92,31 +87,24 @@ def validate_command(
 class _Job:
     """What is done with every clip; plain data, so that another process can do it."""
 
-    model: Path
-    settings: Settings
+    given: Given
     accepted: Accepted | None
     format: str
-    reading: ClipOptions
 
 
-@lru_cache(maxsize=1)
-def _character(model: Path) -> Character:
-    return Character.load(model)
-
-
-def _judge(path: Path, job: _Job, progress: Callable[[int, int], None] | None = None) -> Judged:
-    character = _character(job.model)
-    clip = open_clip(path, character=character, **asdict(job.reading))
-    report = validate(clip, character, settings=job.settings, progress=progress)
+def _judge(path: Path, job: _Job, progress: Callable[[float], None]) -> Judged:
+    done = run_job("validate", path, job.given, progress=lambda stage, share: progress(share))
+    report = done.report
+    assert report is not None
     if job.accepted is not None:
         report = apply_baseline(report, job.accepted)
-    page = render_html(report, clip.whole(), character) if job.format == "html" else None
+    page = render_html(report, done.clip.whole(), done.character) if job.format == "html" else None
     # What is drawn has been drawn: the arrays need not travel between processes.
     return Judged(path, replace(report, series={}, forces=None), page)
 
 
 def _attempt(
-    path: Path, job: _Job, progress: Callable[[int, int], None] | None = None
+    path: Path, job: _Job, progress: Callable[[float], None] = lambda share: None
 ) -> Judged | PhysretargetError:
     try:
         return _judge(path, job, progress)
@@ -139,8 +127,8 @@ def _outcomes(paths: list[Path], job: _Job, jobs: int) -> Iterator[Judged | Phys
             for number, path in enumerate(paths):
                 bar.update(task, description=f"validate {path.name}")
 
-                def within(done: int, frames: int, number: int = number) -> None:
-                    bar.update(task, completed=number + done / frames)
+                def within(share: float, number: int = number) -> None:
+                    bar.update(task, completed=number + share)
 
                 yield _attempt(path, job, within)
                 bar.update(task, completed=number + 1)

@@ -52,6 +52,10 @@ class Motion(ABC):
     def between(self, first: int, last: int) -> Floats:
         """(last - first, nq) poses of the frames first to last - 1, as far as there are such."""
 
+    @abstractmethod
+    def whole(self) -> Clip:
+        """The motion with all its poses in one array."""
+
     @property
     def frames(self) -> int:
         """Number of frames."""
@@ -123,6 +127,10 @@ class Clip(Motion):
         check_time(self.time, self.qpos.shape, path=self.path)
         check_finite(self.qpos, 0, path=self.path)
         self._check_contacts()
+
+    def whole(self) -> Clip:
+        """The clip itself."""
+        return self
 
     @property
     def nq(self) -> int:

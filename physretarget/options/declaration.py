@@ -22,6 +22,14 @@ _NOUNS: Mapping[Kind, str] = {
     "flag": "true or false", "number": "a number", "whole": "a whole number", "text": "a text",
     "path": "a path", "table": "a table",
 }  # fmt: skip
+_JSON_TYPES: Mapping[Kind, str] = {
+    "flag": "boolean", "number": "number", "whole": "integer", "text": "string", "path": "string",
+    "table": "number",
+}  # fmt: skip
+_FORM = (
+    "name", "kind", "many", "depth", "help", "least", "most", "above", "advanced", "or_metres",
+    "metavar",
+)  # fmt: skip
 _LONGEST = 4096  # characters of a text that is read
 
 
@@ -75,6 +83,11 @@ class Option:
     label: str
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """All names that are accepted, the documented one first."""
+        return self.name, *self.aliases
+
+    @property
     def required(self) -> bool:
         """Whether a value must be given."""
         return self.default is MISSING
@@ -119,6 +132,12 @@ class Option:
         number = isinstance(self.default, (int, float))
         return _short(self.default) if number else str(self.default)
 
+    @property
+    def facts(self) -> str:
+        """Range, default and whether it is required, in words, to follow the help."""
+        default = self.default_words and f"default: {self.default_words}"
+        return "; ".join(filter(None, (self.range, default, "required" if self.required else "")))
+
     def read(self, value: Any, said: str = "") -> Any:
         """A value from a file or a program, checked.
 
@@ -154,6 +173,34 @@ class Option:
         if self.word:
             return value == self.word
         return None if self.zero_for_none and value == 0 else value
+
+    def json_schema(self) -> dict[str, Any]:
+        """The option as JSON Schema, for the description of an API."""
+        one: dict[str, Any] = {"type": "string" if self.choices else _JSON_TYPES[self.kind]}
+        if self.choices:
+            one["enum"] = list(self.choices)
+        for key, bound in (("minimum", self.least), ("maximum", self.most)):
+            if bound is not None:
+                one[key] = bound
+        if self.above is not None:
+            one["minimum" if self.zero_for_none else "exclusiveMinimum"] = self.above
+        if self.or_metres:
+            one = {"anyOf": [one, {"type": "string", "description": "Metres per unit."}]}
+        for _ in range(self.depth):
+            one = {"type": "object", "additionalProperties": one}
+        if self.many:
+            one = {"type": "array", "items": one}
+        described = {"description": f"{self.help} [{self.facts}]" if self.facts else self.help}
+        if not self.required and self.default not in (None, ()) and self.kind != "table":
+            described["default"] = self.default
+        return one | described
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for a form in a browser."""
+        told = {name: getattr(self, name) for name in _FORM}
+        named = self.label or self.name.replace("_", " ").capitalize()
+        label = f"{named}, {self.unit}" if self.unit else named
+        return told | {"choices": list(self.choices), "label": label, "default": self.default_words}
 
     def _value_of(self, text: str) -> Any:
         """A number where one is meant; whatever is none is refused when it is read."""
@@ -216,7 +263,7 @@ class Option:
             raise self._refusal(value, said)
 
     def _read_table(self, value: Any, said: str, depth: int) -> dict[str, Any]:
-        if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
+        if not isinstance(value, Mapping) or not all(map(_is_key, value)):
             raise self._refusal(value, said)
         if depth == 2:
             return {k: self._read_table(v, f"{said}.{k}", 1) for k, v in value.items()}
@@ -230,6 +277,11 @@ class Option:
 
     def _refusal(self, value: Any, said: str) -> UsageError:
         return UsageError(f"{said} is {_shown(value)}; it must be {self.allowed}.")
+
+
+def _is_key(key: object) -> bool:
+    """Whether a table's key may be a code or a limit's name; which there are is known elsewhere."""
+    return isinstance(key, str) and key.isascii() and key.isidentifier() and len(key) <= 80
 
 
 def _short(number: float) -> str:

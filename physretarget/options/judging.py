@@ -48,14 +48,14 @@ class JudgingOptions:
         metavar="CODE,…",
         default_text="all",
         advanced=True,
-        label="Only these rules",
+        label="Only these findings",
     )
     ignore: tuple[str, ...] = option(
         (),
         help="Codes of rules, or their beginnings, to leave out.",
         metavar="CODE,…",
         advanced=True,
-        label="Ignore rules",
+        label="Ignore findings",
     )
     limits: Mapping[str, Mapping[str, float]] = option(
         {},
@@ -94,7 +94,8 @@ class ValidationOptions(JudgingOptions):
         "over or slips.",
     )
     also_literature: bool = option(
-        False, name="also", word="literature", help="Other tools' numbers too.", advanced=True
+        False, name="also", word="literature", help="Other tools' numbers too.", advanced=True,
+        label="Also report",
     )  # fmt: skip
 
 

@@ -31,12 +31,12 @@ class ClipOptions:
         above=0,
         most=10_000,
         default_text="from the file",
-        label="Frames per second",
+        label="Frame rate",
     )
     quat: Quat | None = option(
         None,
         help="Order of the root's quaternion in a file that does not say.",
-        default_text="found out",
+        default_text="detected",
         label="Quaternions",
     )
     unit: str | None = option(
@@ -50,7 +50,7 @@ class ClipOptions:
     )
     joint_order: JointOrder | None = option(
         None, help="Order of the joints in a file that does not name them; simulators differ.",
-        default_text="found out", advanced=True,
+        default_text="detected", advanced=True,
     )  # fmt: skip
 
     def __post_init__(self) -> None:

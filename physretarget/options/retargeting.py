@@ -35,6 +35,7 @@ class MapperOptions:
         least=1,
         most=200,
         advanced=True,
+        label="Latent dimensions",
     )
     seed: int = option(
         0, help="Of learning: same seed, same mapper.", least=0, most=2**31 - 1, advanced=True
@@ -49,8 +50,8 @@ class MapperSource(MapperOptions):
     """A mapper to learn, or one that was learned before."""
 
     mapper: str = option(
-        "sgplvm", help="What to learn from the key poses (sgplvm is the paper's, the others are "
-        "baselines), or a file that learn has written.", choices=MAPPERS, or_file=".npz",
+        "sgplvm", help="What to learn from the key poses; sgplvm is the paper's, the others are "
+        "baselines.", choices=MAPPERS, or_file=".npz",
         metavar="|".join(MAPPERS) + "|MAPPER.npz",
     )  # fmt: skip
 
@@ -65,7 +66,7 @@ class RetargetSettings:
     :func:`physretarget.momentum.place`, for ``tail`` :mod:`physretarget.passive`.
     """
 
-    until: Stage = option("balanced", help="Last stage to run.", advanced=True)
+    until: Stage = option("balanced", help="Last stage to run.", advanced=True, label="Last stage")
     physics: Physics = option(
         "default", help="How stage physical finds the root's height; paper: as Yamane 2010 does."
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import cached_property
 from typing import Any
@@ -76,8 +76,8 @@ class Schema:
 
     @cached_property
     def api(self) -> tuple[Option, ...]:
-        """Those of the service's jobs and of the web form."""
-        return _options(self.shared)
+        """Those of the service's jobs and of the web form, where no path means anything."""
+        return tuple(replace(each, or_file="") for each in _options(self.shared))
 
     @cached_property
     def suite(self) -> tuple[Option, ...]:
@@ -96,7 +96,7 @@ def find(name: str, options: tuple[Option, ...]) -> Option:
         UsageError: there is none; says which there are.
     """
     for each in options:
-        if name == each.name or name in each.aliases:
+        if name in each.names:
             return each
     names = [each.name for each in options]
     close = get_close_matches(name, names, n=1)
@@ -163,6 +163,8 @@ SHEET = Schema(name="keyposes sheet", files=(CharacterFile,), here=(SheetFile,))
 SUGGEST = Schema(name="keyposes suggest", files=(CharacterFile,), here=(SuggestOptions,))
 PROPOSE = Schema(name="keyposes propose", files=(CharacterFile,), here=(ProposeOptions,))
 
+JOBS = {each.name: each for each in (VALIDATE, RETARGET)}
+"""What the service and the suite do, by the name of the kind."""
 SCHEMAS = (
     VALIDATE, LEARN, RETARGET, FORCES, INSPECT, STREAM, CONVERT, REPLAY, LIBRARY, MATCH, REDUCE,
     CHECK, SHEET, SUGGEST, PROPOSE,

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from physretarget.options import JOBS
+
 Schema = dict[str, Any]
 _FILE: Schema = {"type": "string", "format": "binary"}
 
@@ -23,11 +25,12 @@ def job_form() -> Schema:
         "type": "object",
         "additionalProperties": False,
         "properties": {
-            "kind": {"type": "string", "enum": ["validate", "retarget"], "default": "validate"},
+            "kind": {"type": "string", "enum": list(JOBS), "default": "validate"},
             "options": {
                 "type": "string",
-                "description": "JSON: profile, lowpass, fps, quat, select, ignore, thresholds, … "
-                "(the command line's names).",
+                "description": "JSON: the options of the job's kind, by the command line's names.",
+                "contentMediaType": "application/json",
+                "contentSchema": {"anyOf": [_options(kind) for kind in JOBS]},
                 "example": '{"profile": "robot", "lowpass": 6}',
             },
             "clip": {**_FILE, "description": "validate: npz, npy, csv or pkl."},
@@ -46,6 +49,13 @@ def job_form() -> Schema:
                 "description": "retarget: key pose files; the built-in characters have their own.",
             },
         },
+    }  # fmt: skip
+
+
+def _options(kind: str) -> Schema:
+    properties = {each.name: each.json_schema() for each in JOBS[kind].api}
+    return {
+        "type": "object", "title": kind, "properties": properties, "additionalProperties": False,
     }  # fmt: skip
 
 

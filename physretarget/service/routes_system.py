@@ -6,10 +6,11 @@ from fastapi import APIRouter, Response
 from prometheus_client import CONTENT_TYPE_LATEST
 
 from physretarget._version import __version__
+from physretarget.options import JOBS
 from physretarget.sandbox.confine import available
 from physretarget.service.access import GUARDED, Reader, ServiceOf
 from physretarget.service.errors import responses
-from physretarget.service.schemas import Health, QueueHealth, Ticket, TicketRequest
+from physretarget.service.schemas import Health, OptionShown, QueueHealth, Ticket, TicketRequest
 
 open_router = APIRouter(tags=["system"])
 router = APIRouter(prefix="/api/v1", tags=["system"])
@@ -49,6 +50,15 @@ def metrics(service: ServiceOf, caller: Reader) -> Response:
         service.metrics.jobs.labels(status).set(count)
     service.metrics.workers.set(service.supervisor.workers)
     return Response(service.metrics.text(), media_type=CONTENT_TYPE_LATEST)
+
+
+@router.get("/options", response_model=dict[str, list[OptionShown]], responses=responses(*GUARDED))
+def list_options(caller: Reader) -> dict[str, list[OptionShown]]:
+    """The options of each kind of job: what they are, what they may be, and their defaults."""
+    return {
+        kind: [OptionShown(**each.to_dict()) for each in schema.api]
+        for kind, schema in JOBS.items()
+    }
 
 
 @router.post("/tickets", response_model=Ticket, responses=responses(422, *GUARDED))

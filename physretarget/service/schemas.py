@@ -175,6 +175,25 @@ class Compared(_Out):
     findings: list[ComparedFinding]
 
 
+class OptionShown(_Out):
+    """An option of a job."""
+
+    name: str
+    kind: Literal["flag", "number", "whole", "text", "path", "table"]
+    many: bool
+    depth: int
+    choices: list[str]
+    or_metres: bool
+    metavar: str
+    least: float | None
+    most: float | None
+    above: float | None
+    default: str
+    help: str
+    label: str
+    advanced: bool
+
+
 class QueueHealth(_Out):
     """How much there is to do."""
 

@@ -17,10 +17,9 @@ from physretarget import capture
 from physretarget.clip import Clip, load_clip
 from physretarget.clip.load import CLIP_SUFFIXES
 from physretarget.errors import InputError
-from physretarget.keyposes import load_keyposes
+from physretarget.job import Done, Kind, run_job
 from physretarget.mjcf import Character
-from physretarget.pipeline import RetargetSettings
-from physretarget.pipeline import retarget as run_pipeline
+from physretarget.options import JOBS, read
 from physretarget.replay.clip import clip_scene
 from physretarget.replay.web import render
 from physretarget.report.html import render_html
@@ -35,17 +34,18 @@ from physretarget.sandbox.limits import Limits
 from physretarget.sandbox.mjcf import check_model as check_files
 from physretarget.service.layout import lay_out
 from physretarget.suite.work import artifacts
-from physretarget.trained import check_mobile, learn
-from physretarget.validation import Report, Settings
-from physretarget.validation import validate as judge
+from physretarget.validation import Report
 from physretarget.validation.analysis import Analysis
 from physretarget.validation.codes import RULES
 
 Progress = Callable[[float, str], None]
-# What a retargeting's time is spent on, roughly, by the pipeline's stages.
-_SHARES = {
-    "prepare": 0.30, "map": 0.35, "pose": 0.40, "place": 0.50, "contact": 0.55, "physics": 0.60,
-    "balance": 0.65,
+# What a job's time is spent on, roughly, by its stages.
+_SHARES: Mapping[Kind, Mapping[str, float]] = {
+    "validate": {"read": 0.05, "judge": 0.2},
+    "retarget": {
+        "read": 0.02, "prepare": 0.30, "map": 0.35, "pose": 0.40, "place": 0.50, "contact": 0.55,
+        "physics": 0.60, "balance": 0.65, "judge": 0.8,
+    },
 }  # fmt: skip
 _NICE = 10  # the server answers first
 _ANY_FPS = 30.0  # for a look at a clip that states none; whoever judges it has to know
@@ -54,21 +54,9 @@ _FINDINGS = 200  # about a model that are kept
 
 def validate(request: Mapping[str, Any], folder: Path, progress: Progress) -> dict[str, Any]:
     """Judge ``clip`` with ``model`` (paths) under ``options``; reports go into the folder."""
-    os.nice(_NICE)
-    options = request["options"]
-    progress(0.05, "read")
-    character = Character.load(request["model"])
-    clip = load_clip(
-        request["clip"],
-        character=character,
-        fps=options.get("fps"),
-        quat=options.get("quat"),
-        joint_order=options.get("joint_order"),
-    )
-    _check_frames(clip.frames, request)
-    progress(0.2, "judge")
-    report = judge(clip, character, settings=_settings(options, options.get("lowpass")))
-    return _write(report, clip, character, request, folder, progress, page=None)
+    given = _given("validate", request) | {"model": Path(request["model"])}
+    done = _run("validate", request["clip"], given, request, progress)
+    return _write(done, request, folder, progress)
 
 
 def retarget(request: Mapping[str, Any], folder: Path, progress: Progress) -> dict[str, Any]:
@@ -76,41 +64,35 @@ def retarget(request: Mapping[str, Any], folder: Path, progress: Progress) -> di
 
     ``keyposes`` are paths, ``skeleton`` the path of an AMC capture's ASF file or None.
     """
+    given = _given("retarget", request) | {
+        "character": Path(request["model"]),
+        "keyposes": tuple(map(Path, request["keyposes"])),
+        "skeleton": request.get("skeleton"),
+    }
+    done = _run("retarget", request["capture"], given, request, progress)
+    (folder / "clip.npz").write_bytes(done.clip.whole().to_bytes())
+    return _write(done, request, folder, progress)
+
+
+def _given(kind: Kind, request: Mapping[str, Any]) -> dict[str, Any]:
+    return read(request["options"], JOBS[kind].api)
+
+
+def _run(
+    kind: Kind,
+    source: str,
+    given: Mapping[str, Any],
+    request: Mapping[str, Any],
+    progress: Progress,
+) -> Done:
     os.nice(_NICE)
-    options = request["options"]
-    progress(0.02, "read")
-    character = Character.load(request["model"])
-    check_mobile(character)
-    motion = capture.load(
-        request["capture"],
-        unit=options.get("unit"),
-        up=options.get("up"),
-        skeleton=request.get("skeleton"),
-        mass=options.get("mass"),
+    return run_job(
+        kind,
+        Path(source),
+        given,
+        most_frames=request["clip_frames"],
+        progress=lambda stage, share: progress(_SHARES[kind].get(stage, 0.6), stage),
     )
-    _check_frames(len(motion.time), request)
-    progress(0.1, "learn")
-    poses = load_keyposes([Path(p) for p in request["keyposes"]], character)
-    trained = learn(
-        character,
-        poses,
-        mapper=options.get("mapper", "sgplvm"),
-        dims=options.get("dims", 30),
-        seed=options.get("seed", 0),
-    )
-    result = run_pipeline(
-        motion,
-        trained,
-        settings=_retarget_settings(options),
-        progress=lambda stage: progress(_SHARES.get(stage, 0.6), stage),
-    )
-    clip = result.clip
-    (folder / "clip.npz").write_bytes(clip.to_bytes())
-    progress(0.8, "judge")
-    report = judge(clip, character, settings=_settings(options, None))
-    named = _named(report, request)
-    page = render_retarget_html(retarget_data(result, trained, named))
-    return _write(report, clip, character, request, folder, progress, page=page)
 
 
 def check_model(request: Mapping[str, Any], folder: Path, progress: Progress) -> dict[str, Any]:
@@ -192,23 +174,6 @@ def _check_frames(frames: int, request: Mapping[str, Any]) -> None:
         raise InputError(f"has {frames} frames, at most {most} are accepted.")
 
 
-def _settings(options: Mapping[str, Any], lowpass: float | None) -> Settings:
-    given: dict[str, Any] = {
-        name: tuple(options[name]) for name in ("select", "ignore") if name in options
-    }
-    for name, told in (("profile", "profile"), ("friction", "friction"), ("severity", "severity"),
-                       ("limits", "thresholds")):  # fmt: skip
-        if options.get(told) is not None:
-            given[name] = options[told]
-    return replace(Settings(lowpass_hz=lowpass), **given)
-
-
-def _retarget_settings(options: Mapping[str, Any]) -> RetargetSettings:
-    told = {name: options[name] for name in ("physics", "heading", "tail", "fps", "seed")
-            if options.get(name) is not None}  # fmt: skip
-    return RetargetSettings(lowpass_hz=options.get("lowpass", 6.0) or None, **told)
-
-
 def _named(report: Report, request: Mapping[str, Any]) -> Report:
     """The report with names as the client gave them: where the server keeps files is not told."""
     return replace(
@@ -219,16 +184,13 @@ def _named(report: Report, request: Mapping[str, Any]) -> Report:
 
 
 def _write(
-    report: Report,
-    clip: Clip,
-    character: Character,
-    request: Mapping[str, Any],
-    folder: Path,
-    progress: Progress,
-    *,
-    page: str | None,
+    done: Done, request: Mapping[str, Any], folder: Path, progress: Progress
 ) -> dict[str, Any]:
-    report = _named(report, request)
+    assert done.report is not None
+    report, clip, character = _named(done.report, request), done.clip.whole(), done.character
+    page = None
+    if done.retargeted is not None and done.mapper is not None:
+        page = render_retarget_html(retarget_data(done.retargeted, done.mapper, report))
     progress(0.85, "report")
     title = request["clip_name"]
     texts = {

@@ -8,54 +8,40 @@ import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
+from functools import partial
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, Literal, get_args
 
-from physretarget.errors import InputError
+from physretarget.errors import InputError, UsageError
+from physretarget.options import JOBS, Option
 from physretarget.suite.compare import DIRECTIONS
 
+Kind = Literal["validate", "retarget"]
 Line = Callable[[str, int, str], int | None]
+TABLES: Mapping[Kind, str] = {"validate": "case", "retarget": "retarget"}
+"""Kind of job → its table in the file."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """Clips that are judged the same way: one ``[[case]]`` of the file, paths absolute."""
+    """Files that are treated the same way: one ``[[case]]`` or ``[[retarget]]`` of the file.
+
+    ``sources`` are the globs of clips or captures, ``given`` the options by name, paths absolute.
+    """
 
     name: str
-    clips: tuple[str, ...]
-    model: Path
-    profile: str | None = None
-    config: Path | None = None
-    fps: float | None = None
-    quat: str | None = None
-    lowpass: float | None = None
+    kind: Kind
+    sources: tuple[str, ...]
+    given: Mapping[str, Any]
     tags: tuple[str, ...] = ()
     owner: str = ""
     line: int | None = None
 
-
-@dataclass(frozen=True, kw_only=True)
-class RetargetCase:
-    """Captures that become clips and are judged: one ``[[retarget]]``, paths absolute."""
-
-    name: str
-    captures: tuple[str, ...]
-    character: Path
-    keyposes: tuple[Path, ...]
-    mapper: str = "sgplvm"
-    dims: int = 30
-    seed: int = 0
-    physics: str = "default"
-    heading: str = "actor"
-    fps: float | None = None
-    unit: str | None = None
-    up: str | None = None
-    skeleton: Path | None = None
-    profile: str | None = None
-    config: Path | None = None
-    tags: tuple[str, ...] = ()
-    owner: str = ""
-    line: int | None = None
+    @property
+    def model(self) -> Path:
+        """The MJCF file of clips or of what is made of captures."""
+        path: Path = self.given["model" if self.kind == "validate" else "character"]
+        return path
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,7 +53,6 @@ class Suite:
     history: str
     out: Path
     cases: tuple[Case, ...] = ()
-    retargets: tuple[RetargetCase, ...] = ()
     tolerances: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     @property
@@ -105,18 +90,13 @@ def load_suite(path: str | os.PathLike[str]) -> Suite:
     suite = _guarded(reader.suite, table.get("suite", {}), "suite", 0, path, where)
     cases = [
         replace(
-            _guarded(reader.case, entry, "case", index, path, where), line=where("case", index, "")
+            _guarded(partial(reader.case, kind), entry, key, index, path, where),
+            line=where(key, index, ""),
         )
-        for index, entry in enumerate(table.get("case", []))
+        for kind, key in TABLES.items()
+        for index, entry in enumerate(table.get(key, []))
     ]
-    retargets = [
-        replace(
-            _guarded(reader.retarget, entry, "retarget", index, path, where),
-            line=where("retarget", index, ""),
-        )
-        for index, entry in enumerate(table.get("retarget", []))
-    ]
-    if not cases and not retargets:
+    if not cases:
         raise InputError("has neither a [[case]] nor a [[retarget]].", path=path)
     tolerances = {
         name: _guarded(_tolerance, entry, f"tolerance.{name}", 0, path, where)
@@ -128,7 +108,6 @@ def load_suite(path: str | os.PathLike[str]) -> Suite:
         history=suite.get("history", f"sqlite:///{source.parent / (source.stem + '.sqlite')}"),
         out=suite.get("out", source.parent / f"{source.stem}-report"),
         cases=tuple(cases),
-        retargets=tuple(retargets),
         tolerances=tolerances,
     )
 
@@ -149,19 +128,6 @@ class _Reader:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        judging: dict[str, Callable[[str, Any], Any]] = {
-            "name": _text, "profile": _choice("animation", "robot"), "config": self._path,
-            "tags": _texts, "owner": _text, "fps": _positive,
-        }  # fmt: skip
-        self.keys_case = judging | {
-            "clips": self._globs, "model": self._path, "quat": _choice("wxyz", "xyzw"),
-            "lowpass": _positive,
-        }  # fmt: skip
-        self.keys_retarget = judging | {
-            "captures": self._globs, "character": self._path, "keyposes": self._paths,
-            "mapper": _text, "dims": _whole, "seed": _whole, "physics": _text, "heading": _text,
-            "unit": _text, "up": _text, "skeleton": self._path,
-        }  # fmt: skip
         self.keys_suite: dict[str, Callable[[str, Any], Any]] = {
             "name": _text, "history": self._history, "out": self._path,
         }  # fmt: skip
@@ -169,23 +135,47 @@ class _Reader:
     def suite(self, table: dict[str, Any]) -> dict[str, Any]:
         return _read(table, self.keys_suite)
 
-    def case(self, table: dict[str, Any]) -> Case:
-        values = _read(table, self.keys_case, needed=("clips", "model"))
-        robot = ", robot" if values.get("profile") == "robot" else ""
-        values.setdefault("name", values["model"].stem + robot)
-        return Case(**values)
+    def case(self, kind: Kind, table: dict[str, Any]) -> Case:
+        options = JOBS[kind].suite
+        files = "clips" if kind == "validate" else "captures"
+        keys: dict[str, Callable[[str, Any], Any]] = {
+            "name": _text, "tags": _texts, "owner": _text, files: self._globs,
+        }  # fmt: skip
+        keys |= {name: self._option(each) for each in options for name in each.names}
+        needed = [each.name for each in options if each.required or each.name == "keyposes"]
+        if str(table.get("mapper", "")).endswith(".npz"):
+            needed.remove("keyposes")  # it has been learned
+        aliases = {alias: each.name for each in options for alias in each.aliases}
+        plain = {aliases.get(key, key): key for key in table}
+        values = _read(table, keys, needed=(files, *needed), written=plain)
+        given = {each.name: values[each.name] for each in options if each.name in values}
+        model = given["model" if kind == "validate" else "character"]
+        robot = ", robot" if given.get("profile") == "robot" else ""
+        named = model.stem + (robot if kind == "validate" else " retargeted")
+        return Case(
+            name=values.get("name", named), kind=kind, sources=values[files], given=given,
+            tags=values.get("tags", ()), owner=values.get("owner", ""),
+        )  # fmt: skip
 
-    def retarget(self, table: dict[str, Any]) -> RetargetCase:
-        needed = ("captures", "character", "keyposes")
-        values = _read(table, self.keys_retarget, needed=needed)
-        values.setdefault("name", f"{values['character'].stem} retargeted")
-        return RetargetCase(**values)
+    def _option(self, option: Option) -> Callable[[str, Any], Any]:
+        def read(key: str, value: Any) -> Any:
+            try:
+                found = option.read(value, f"'{key}'")
+            except UsageError as error:
+                raise _Bad(key, str(error)) from error
+            if option.kind == "path":
+                return tuple(map(self._under, found)) if option.many else self._under(found)
+            if option.or_file and found not in option.choices:
+                return str(self._under(found))
+            return found
+
+        return read
+
+    def _under(self, path: Path | str) -> Path:
+        return self.folder / path
 
     def _path(self, key: str, value: Any) -> Path:
         return self.folder / _text(key, value)
-
-    def _paths(self, key: str, value: Any) -> tuple[Path, ...]:
-        return tuple(self.folder / entry for entry in _texts(key, value))
 
     def _globs(self, key: str, value: Any) -> tuple[str, ...]:
         found = _texts(key, value)
@@ -201,16 +191,19 @@ def _read(
     table: dict[str, Any],
     keys: Mapping[str, Callable[[str, Any], Any]],
     needed: tuple[str, ...] = (),
+    written: Mapping[str, str] | None = None,
 ) -> dict[str, Any]:
+    """The values of a table; ``written`` says under which of its names a key is there."""
     for key in table:
         if key not in keys:
             close = get_close_matches(key, keys, n=1)
             hint = f"did you mean '{close[0]}'?" if close else f"known are {', '.join(keys)}."
             raise _Bad(key, f"unknown key '{key}': {hint}")
+    names = {key: key for key in table} if written is None else written
     for key in needed:
-        if key not in table:
+        if key not in names:
             raise _Bad("", f"'{key}' is missing.")
-    return {key: keys[key](key, value) for key, value in table.items()}
+    return {key: keys[name](name, table[name]) for key, name in names.items()}
 
 
 def _text(key: str, value: Any) -> str:
@@ -234,12 +227,6 @@ def _positive(key: str, value: Any) -> float:
 
 def _not_negative(key: str, value: Any) -> float:
     return 0.0 if value == 0 and not isinstance(value, bool) else _positive(key, value)
-
-
-def _whole(key: str, value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-        raise _Bad(key, f"'{key}' is {value!r}, a whole number is needed.")
-    return value
 
 
 def _choice(*allowed: str) -> Callable[[str, Any], str]:

@@ -14,14 +14,14 @@ from typing import Any, Literal
 class Job:
     """Judge one clip, or retarget one capture and judge what comes out.
 
-    ``inputs`` maps a role (clip, model, config, keyposes0…) to the file's place relative to
-    ``root``; ``files`` maps every file needed, assets included, to its SHA-256. ``address`` is
-    the hash of all of it.
+    ``inputs`` maps "clip", and every option that is a file (model, config, keyposes000…), to the
+    file's place relative to ``root``; ``options`` are the others, by name; ``files`` maps every
+    file needed, assets included, to its SHA-256. ``address`` is the hash of all of it.
     """
 
     clip_id: str
     address: str
-    kind: Literal["clip", "retarget"]
+    kind: Literal["validate", "retarget"]
     case: str
     tags: tuple[str, ...]
     owner: str

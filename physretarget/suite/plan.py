@@ -12,12 +12,14 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import physretarget
 from physretarget._version import __version__
 from physretarget.errors import InputError, PhysretargetError
-from physretarget.suite.file import Case, RetargetCase, Suite
+from physretarget.options import JOBS
+from physretarget.options.retargeting import MAPPERS
+from physretarget.suite.file import Case, Suite
 from physretarget.suite.job import Job
 
 # What these rooms do changes no result, so a change there must not redo the night.
@@ -47,8 +49,7 @@ def plan(suite: Suite) -> Plan:
     notes: list[str] = []
     seen: dict[str, str] = {}
     cache_: dict[Path, dict[str, str]] = {}
-    cases: list[Case | RetargetCase] = [*suite.cases, *suite.retargets]
-    for case in cases:
+    for case in suite.cases:
         found = list(_jobs(suite, case, cache_, notes))
         for job in found:
             if job.clip_id in seen:
@@ -66,44 +67,41 @@ def plan(suite: Suite) -> Plan:
 
 
 def _jobs(
-    suite: Suite, case: Case | RetargetCase, known: dict[Path, dict[str, str]], notes: list[str]
+    suite: Suite, case: Case, known: dict[Path, dict[str, str]], notes: list[str]
 ) -> Iterable[Job]:
-    clips = case.clips if isinstance(case, Case) else case.captures
-    model = case.model if isinstance(case, Case) else case.character
-    roles: dict[str, Path] = {"model": model}
-    if case.config:
-        roles["config"] = case.config
-    kind: Literal["clip", "retarget"] = "clip"
-    options: dict[str, Any] = {"profile": case.profile, "fps": case.fps}
-    if isinstance(case, Case):
-        options |= {"quat": case.quat, "lowpass": case.lowpass}
-    else:
-        kind = "retarget"
-        names = ("mapper", "dims", "seed", "physics", "heading", "unit", "up")
-        options |= {name: getattr(case, name) for name in names}
-        roles |= {f"keyposes{i:03d}": path for i, path in enumerate(case.keyposes)}
-        if case.skeleton:
-            roles["skeleton"] = case.skeleton
+    roles: dict[str, Path] = {}
+    options: dict[str, Any] = {}
+    kinds = {each.name: each.kind for each in JOBS[case.kind].suite}
+    for name, value in case.given.items():
+        if kinds[name] == "path" and isinstance(value, tuple):
+            roles |= {f"{name}{i:03d}": path for i, path in enumerate(value)}
+        elif kinds[name] == "path":
+            roles[name] = value
+        elif name == "mapper" and value not in MAPPERS:
+            roles[name] = Path(value)
+        else:
+            options[name] = value
     shared = _shared(suite, case, roles, known)
-    for path in _files(suite.folder, clips):
-        yield _job(suite, case, kind, path, roles, shared, options)
-    for pattern in clips:
+    for path in _files(suite.folder, case.sources):
+        yield _job(suite, case, path, roles, shared, options)
+    for pattern in case.sources:
         if not _files(suite.folder, (pattern,)):
             notes.append(f"{suite.path.name}:{case.line}: {pattern!r} finds no file.")
 
 
 def _shared(
     suite: Suite,
-    case: Case | RetargetCase,
+    case: Case,
     roles: dict[str, Path],
     known: dict[Path, dict[str, str]],
 ) -> dict[str, str]:
     """Hashes of what all clips of a case need: model with its assets, config, key poses."""
     shared: dict[str, str] = {}
     try:
-        for role, path in roles.items():
+        for path in roles.values():
             if path not in known:
-                known[path] = _with_assets(path) if role == "model" else {str(path): _sha256(path)}
+                own = path == case.model
+                known[path] = _with_assets(path) if own else {str(path): _sha256(path)}
             shared |= known[path]
     except PhysretargetError as error:
         raise InputError(f"case {case.name!r}: {error}", path=suite.path, line=case.line) from error
@@ -127,8 +125,7 @@ def _with_assets(model: Path) -> dict[str, str]:
 
 def _job(
     suite: Suite,
-    case: Case | RetargetCase,
-    kind: Literal["clip", "retarget"],
+    case: Case,
     clip: Path,
     roles: dict[str, Path],
     shared: dict[str, str],
@@ -141,19 +138,20 @@ def _job(
     def short(path: str | Path) -> str:
         return os.path.relpath(path, root)
 
-    told = {key: value for key, value in options.items() if value is not None}
     inputs = {"clip": short(clip), **{role: short(path) for role, path in roles.items()}}
     # The clip's file type matters (it picks the reader), where files lie does not.
     content = {
-        "kind": kind, "code": code_version(), "options": told, "suffix": clip.suffix.lower(),
+        "kind": case.kind, "code": code_version(), "options": options,
+        "suffix": clip.suffix.lower(),
         "clip": files[str(clip)],
         "with": {role: shared[str(path)] for role, path in roles.items()},
     }  # fmt: skip
     address = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
     return Job(
         clip_id=f"{case.name}/{Path(os.path.relpath(clip, suite.folder)).as_posix()}",
-        address=address, kind=kind, case=case.name, tags=case.tags, owner=case.owner, root=root,
-        inputs=inputs, files={short(path): sha for path, sha in files.items()}, options=told,
+        address=address, kind=case.kind, case=case.name, tags=case.tags, owner=case.owner,
+        root=root,
+        inputs=inputs, files={short(path): sha for path, sha in files.items()}, options=options,
     )  # fmt: skip
 
 

@@ -10,25 +10,22 @@ import json
 import time as clock
 import zlib
 from dataclasses import replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from physretarget import capture
-from physretarget.clip import Clip, load_clip
+from physretarget.clip import Clip
 from physretarget.errors import InputError, PhysretargetError
-from physretarget.keyposes import load_keyposes
+from physretarget.job import JUDGED_BY, run_job
 from physretarget.mjcf import Character
-from physretarget.pipeline import RetargetSettings, retarget
+from physretarget.options import JOBS, read
 from physretarget.replay.clip import clip_scene
 from physretarget.replay.payload import pack, payload
 from physretarget.replay.scene import Forces
-from physretarget.suite.file import Case, RetargetCase, Suite
+from physretarget.suite.file import Suite
 from physretarget.suite.job import Job, Outcome
-from physretarget.trained import TrainedMapper, learn
-from physretarget.validation import RULES, Report, Settings, load_settings, validate
+from physretarget.validation import RULES, Report, settings_of
 
 
 def perform(job: Job, root: str | None = None) -> Outcome:
@@ -41,12 +38,13 @@ def perform(job: Job, root: str | None = None) -> Outcome:
     started = clock.perf_counter()
     base = Path(root or job.root)
     try:
-        clip, character, made = _motion(job, base)
-        report = validate(clip, character, settings=_settings(job, base))
-        made_files = artifacts(clip, character, report)
-        if made:
+        done = run_job(job.kind, base / job.inputs["clip"], given_of(job, base), stamp=_stamp(job))
+        assert done.report is not None
+        clip = done.clip.whole()
+        made_files = artifacts(clip, done.character, done.report)
+        if done.retargeted is not None:
             made_files["clip"] = clip.to_bytes()
-        document = report.to_dict()
+        document = done.report.to_dict()
     except PhysretargetError as error:
         return _errored(job, _told(error, base / job.inputs["clip"]), started)
     except MemoryError:
@@ -56,7 +54,7 @@ def perform(job: Job, root: str | None = None) -> Outcome:
         return _errored(job, f"bug: {type(error).__name__}: {error}", started)
     # A result is found by content: where the files lay when it was made says nothing.
     document["clip"]["path"] = Path(job.inputs["clip"]).name
-    document["model"]["path"] = Path(job.inputs["model"]).name
+    document["model"]["path"] = Path(_model_of(job)).name
     return Outcome(
         address=job.address,
         status="ok",
@@ -86,72 +84,25 @@ def _errored(job: Job, message: str, started: float, *, transient: bool = False)
     )
 
 
-def _motion(job: Job, base: Path) -> tuple[Clip, Character, bool]:
-    model = str(base / job.inputs["model"])
-    options = job.options
-    if job.kind == "clip":
-        character = _character(model, job.files[job.inputs["model"]])
-        clip = load_clip(
-            base / job.inputs["clip"],
-            character=character,
-            fps=options.get("fps"),
-            quat=options.get("quat"),
-        )
-        return clip, character, False
-    poses = tuple(str(base / v) for k, v in sorted(job.inputs.items()) if k.startswith("keyposes"))
-    hashes = tuple(job.files[v] for k, v in sorted(job.inputs.items()) if k.startswith("keyposes"))
-    trained = _trained(
-        model, job.files[job.inputs["model"]], poses, hashes,
-        options["mapper"], options["dims"], options["seed"],
-    )  # fmt: skip
-    skeleton = job.inputs.get("skeleton")
-    motion = capture.load(
-        base / job.inputs["clip"],
-        unit=options.get("unit"),
-        up=options.get("up"),
-        skeleton=base / skeleton if skeleton else None,
-    )
-    settings = RetargetSettings(
-        physics=options["physics"], heading=options["heading"], fps=options.get("fps"),
-        seed=options["seed"],
-    )  # fmt: skip
-    return retarget(motion, trained, settings=settings).clip, trained.character, True
+def _model_of(job: Job) -> str:
+    return job.inputs["model" if job.kind == "validate" else "character"]
 
 
-# Clips come in groups with one model: a worker keeps the last few. The hash is in the key
-# because a file may change between two runs of one long-lived worker.
-@lru_cache(maxsize=4)
-def _character(path: str, sha256: str) -> Character:
-    return Character.load(path)
+def given_of(job: Job, base: Path) -> dict[str, Any]:
+    """A job's options by name, its files under ``base``."""
+    files: dict[str, Any] = {}
+    for role, place in sorted(job.inputs.items()):
+        if role.startswith("keyposes"):
+            files["keyposes"] = (*files.get("keyposes", ()), base / place)
+        elif role != "clip":
+            files[role] = str(base / place) if role == "mapper" else base / place
+    return read({**job.options, **files}, JOBS[job.kind].suite)
 
 
-@lru_cache(maxsize=4)
-def _trained(
-    model: str, sha256: str, keyposes: tuple[str, ...], hashes: tuple[str, ...],
-    mapper: str, dims: int, seed: int,
-) -> TrainedMapper:  # fmt: skip
-    character = _character(model, sha256)
-    poses = load_keyposes([Path(p) for p in keyposes], character)
-    return learn(character, poses, mapper=mapper, dims=dims, seed=seed)
-
-
-def _settings(job: Job, base: Path) -> Settings:
-    return judge_settings(
-        base / job.inputs["config"] if "config" in job.inputs else None,
-        job.options.get("profile"),
-        job.options.get("lowpass"),
-    )
-
-
-def judge_settings(config: Path | None, profile: str | None, lowpass: float | None) -> Settings:
-    """The config file's settings with the case's profile and low-pass over them."""
-    settings = load_settings(config, RULES) if config else Settings()
-    given: dict[str, Any] = {}
-    if profile is not None:
-        given["profile"] = profile
-    if lowpass is not None:
-        given["lowpass_hz"] = lowpass
-    return replace(settings, **given)
+def _stamp(job: Job) -> str:
+    """Of all files of a job but the clip: with them changes what may be kept of the last job."""
+    clip = job.inputs["clip"]
+    return json.dumps(sorted(sha for place, sha in job.files.items() if place != clip))
 
 
 def check_ready(suite: Suite, cases: set[str]) -> None:
@@ -160,13 +111,12 @@ def check_ready(suite: Suite, cases: set[str]) -> None:
     Raises:
         InputError: names the case and its line in the suite file.
     """
-    every: list[Case | RetargetCase] = [*suite.cases, *suite.retargets]
-    for case in every:
+    for case in suite.cases:
         if case.name not in cases:
             continue
         try:
-            judge_settings(case.config, case.profile, None)
-            Character.load(case.model if isinstance(case, Case) else case.character)
+            settings_of(case.given, RULES, JUDGED_BY[case.kind])
+            Character.load(case.model)
         except PhysretargetError as error:
             raise InputError(
                 f"case {case.name!r}: {error}", path=suite.path, line=case.line

@@ -151,7 +151,7 @@ def test_unusable_key_poses(refused, tmp_path, good) -> None:
         (good, r"bow\.bvh:1: .*TOML"),
     ):
         refused("retarget", good, *lamp, "--keyposes", file, "--out", tmp_path / "o.npz", says=says)
-    refused("retarget", good, *lamp, "--out", tmp_path / "o.npz", says="--keyposes")
+    refused("retarget", good, *lamp, "--out", tmp_path / "o.npz", says="keyposes FILE is needed")
 
 
 @pytest.mark.parametrize(
@@ -191,7 +191,7 @@ def test_a_mapper_of_another_character(run: Run, refused, tmp_path, good) -> Non
     other.write_text(text.replace('model="lamp"', 'model="torch"'))
     options = ("--mapper", mapper, "--out", tmp_path / "o.npz")
     refused("retarget", good, "--character", other, *options, says=r"lamp\.npz: learned for 'lamp'")
-    refused("retarget", good, *LAMP, *options, says=r"--keyposes is for learning, .*lamp\.npz")
+    refused("retarget", good, *LAMP, *options, says=r"keyposes is for learning, .*lamp\.npz")
     mapper.write_bytes(mapper.read_bytes()[:2000])
     refused("retarget", good, *LAMP[:2], *options, says=r"lamp\.npz: ")
 
@@ -222,7 +222,7 @@ def test_a_folder_of_captures_is_told_how_to_name_them(run: Run, refused, tmp_pa
 
 def test_dimensions_that_key_poses_cannot_fill(refused, tmp_path, good) -> None:
     poses = len(load_keyposes([Path(LAMP[3])], Character.load(LAMP[1])).poses)
-    says = rf"--dims is {poses}; {poses} key poses .* {poses - 1} is the most"
+    says = rf"dims is {poses}; {poses} key poses .* {poses - 1} is the most"
     refused("retarget", good, *LAMP, "--dims", poses, "--out", tmp_path / "o.npz", says=says)
     refused("learn", *LAMP, "--dims", poses, "--out", tmp_path / "m.npz", says=says)
 

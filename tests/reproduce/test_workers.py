@@ -15,7 +15,7 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="there are no si
 
 # Run as a program: each job says who does it, and all but the first last for a minute.
 LONG = """
-import os, sys, time
+import os, signal, sys, time
 from pathlib import Path
 from physretarget.reproduce.workers import each_done
 
@@ -25,6 +25,8 @@ def work(job):
     return job
 
 if __name__ == "__main__":
+    # A shell lets its background jobs ignore SIGINT, and what they start inherits that.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     for job, done in each_done(work, [0, 1, 2], 2):
         print("done", job, flush=True)
 """

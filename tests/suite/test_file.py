@@ -47,11 +47,13 @@ def write(folder: Path, text: str) -> Path:
 def test_a_whole_file_is_read(tmp_path: Path) -> None:
     suite = load_suite(write(tmp_path, WHOLE))
     assert suite.history == f"sqlite:///{tmp_path / 'h.sqlite'}"
-    case, retarget = suite.cases[0], suite.retargets[0]
-    assert (case.name, case.fps, case.lowpass, case.owner) == ("g1, robot", 30.0, 6.0, "kim")
-    assert case.config == tmp_path / "rules.toml"
-    assert retarget.captures == ("caps/*.bvh",)
-    assert (retarget.mapper, retarget.physics) == ("gp", "convex")
+    case, retarget = suite.cases
+    assert (case.name, case.kind, case.owner) == ("g1, robot", "validate", "kim")
+    assert (case.given["fps"], case.given["lowpass"]) == (30.0, 6.0)
+    assert case.given["config"] == tmp_path / "rules.toml"
+    assert (retarget.kind, retarget.sources) == ("retarget", ("caps/*.bvh",))
+    assert (retarget.given["mapper"], retarget.given["physics"]) == ("gp", "convex")
+    assert retarget.given["keyposes"] == (tmp_path / "lamp.toml",)
     assert suite.tolerances == {"skate_speed_max_m_s": {"absolute": 0.5, "direction": "lower"}}
 
 
@@ -67,7 +69,7 @@ def test_a_whole_file_is_read(tmp_path: Path) -> None:
         (("absolute = 0.5", "abs = 0.5"), 25, "unknown key 'abs'"),
         (("[suite]", "speed = 1\n[suite]"), 1, "unknown key 'speed'"),
         (("[suite]", "[suits]"), 1, "unknown key 'suits'"),
-        (('keyposes = ["lamp.toml"]', "keyposes = [1]"), 19, "a text is needed"),
+        (('keyposes = ["lamp.toml"]', "keyposes = [1]"), 19, "a path"),
     ],
 )
 def test_what_is_wrong_is_named_with_its_line(

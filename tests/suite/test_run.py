@@ -208,7 +208,7 @@ def test_a_bug_is_told_and_the_night_goes_on(
     def broken(*_: object, **__: object) -> None:
         raise ZeroDivisionError("oh")
 
-    monkeypatch.setattr("physretarget.suite.work.validate", broken)
+    monkeypatch.setattr("physretarget.job.validate", broken)
     run, entries = night(library)
     assert run.counts == {"errored": 4}
     assert "ZeroDivisionError" in entries["a.npz"].reason

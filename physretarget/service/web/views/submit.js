@@ -4,7 +4,7 @@ import { alarm, el, fresh, icon, say } from "/web/dom.js";
 import { API, get, idempotencyKey, query, upload } from "/web/api.js";
 import { dropZone } from "/web/drop.js";
 import { EXAMPLES, exampleFile } from "/web/examples.js";
-import { FIELDS, others, readOptions } from "/web/options.js";
+import { optionsOf, readOptions, words, written } from "/web/options.js";
 import { ago, bytes, plural } from "/web/words.js";
 
 const CLIPS = ".npz,.npy,.csv,.pkl,.txt", CAPTURES = ".bvh,.amc,.c3d,.trc,.json,.txt";
@@ -30,7 +30,8 @@ export async function submitView({ main, params, signal, name }) {
     clips.items.unshift(...items.filter((clip) => clip.sha256 === before.clip.sha256).slice(0, 1));
   }
   const kind = before?.kind ?? (params.get("kind") === "retarget" ? "retarget" : "validate");
-  const form = build({ kind, models: models.items, clips: clips.items, before, params });
+  const options = await optionsOf(kind, signal);
+  const form = build({ kind, options, models: models.items, clips: clips.items, before, params });
   name(before ? "Judge again" : kind === "validate" ? "Submit a clip" : "Submit a capture");
   main.append(el("h1", {}, before ? `Judge again: ${before.clip.name}` : "Submit"), tabs(kind), form.node);
   if (waiting.length) {
@@ -47,7 +48,7 @@ function tabs(kind) {
     tab("retarget", "Retarget a capture", "Let a character act out a human’s motion"));
 }
 
-function build({ kind, models, clips, before, params }) {
+function build({ kind, options, models, clips, before, params }) {
   const judging = kind === "validate", key = { now: idempotencyKey() };
   const form = el("form", { class: "submit", novalidate: true });
   const clip = clipPart(judging, clips, before, params, (files) => guess(form, files, summary));
@@ -60,7 +61,7 @@ function build({ kind, models, clips, before, params }) {
   const section = (place, number, title, ...inside) => el("section", { class: "card part", "data-place": place },
     el("h2", {}, el("i", { "aria-hidden": "true" }, number), title), inside, el("div", { class: "wrong" }));
   const start = before?.options ?? {};
-  const kept = before ? others(kind, before.options) : {};
+  const usual = options.filter((option) => !option.advanced), advanced = options.filter((option) => option.advanced);
   form.append(
     el("div", { class: "parts" },
       section("clip", "1", judging ? "The clip" : "The capture", clip.node,
@@ -69,16 +70,16 @@ function build({ kind, models, clips, before, params }) {
         poses && el("div", { "data-place": "keyposes" }, poses.zone, el("div", { class: "wrong" }))),
       section("options", "3", "Options",
         el("p", { class: "soft" }, "All can be left as they are."),
-        el("div", { class: "fields" }, FIELDS[kind].first.map((field) => fieldOf(field, start))),
-        el("details", { open: FIELDS[kind].more.some((field) => field.name in start) },
+        el("div", { class: "fields" }, usual.map((option) => fieldOf(option, start))),
+        el("details", { open: advanced.some((option) => option.name in start) },
           el("summary", {}, "More options"),
-          el("div", { class: "fields" }, FIELDS[kind].more.map((field) => fieldOf(field, start)))))),
+          el("div", { class: "fields" }, advanced.map((option) => fieldOf(option, start)))))),
     el("aside", { class: "card go", "aria-label": "Submit" }, facts, wrong, sending, button,
       el("p", { class: "hint" }, "Uploads stay in the ", el("a", { href: "#/library" }, "library"), ", so that they can be judged again.")));
 
   function summary() {
     const rows = [[judging ? "Clip" : "Capture", clip.told()], [judging ? "Model" : "Character", model.told()],
-      ...Object.entries(readOptions(kind, form)).map(([name, value]) => [label(kind, name), String(value)])];
+      ...options.map((option) => [option.label, form.elements[`option-${option.name}`]?.value.trim()]).filter(([, text]) => text)];
     facts.replaceChildren(...rows.flatMap(([name, value]) => [el("dt", {}, name), el("dd", { class: value ? null : "missing" }, value || "not chosen yet")]));
   }
 
@@ -95,7 +96,7 @@ function build({ kind, models, clips, before, params }) {
     try {
       const body = new FormData(), role = judging ? "clip" : "capture";
       body.append("kind", kind);
-      body.append("options", JSON.stringify({ ...kept, ...readOptions(kind, form) }));
+      body.append("options", JSON.stringify(readOptions(options, form)));
       // A capture that is read with a skeleton comes with it; the library takes files that stand alone.
       if (skeleton?.files.length && clip.file()) body.append(role, clip.file());
       else body.append(`${role}_id`, clip.id() ?? await send("clips", clip.file(), role, "clip", sending));
@@ -119,8 +120,6 @@ function build({ kind, models, clips, before, params }) {
   summary();
   return { node: form, take: (files) => clip.take(files) };
 }
-
-const label = (kind, name) => [...FIELDS[kind].first, ...FIELDS[kind].more].find((field) => field.name === name)?.label ?? name;
 
 /** Upload to a collection, once; the new thing's id. */
 async function send(collection, file, what, place, sending) {
@@ -206,16 +205,18 @@ export function picture(model) {
   return el("span", { class: "thumb", "aria-hidden": "true" }, model.name.slice(0, 1).toUpperCase());
 }
 
-function fieldOf(field, start) {
-  const id = fresh(field.name), hint = fresh("hint"), value = start[field.name] ?? "";
-  const common = { id, name: `option-${field.name}`, "aria-describedby": hint };
-  const input = field.options
-    ? el("select", common, field.options.map(([v, text]) => el("option", { value: v, selected: v === value }, text)))
-    : el("input", { ...common, type: field.number ? "number" : "text", min: field.min, max: field.max, step: field.step,
-      placeholder: field.placeholder, value: Array.isArray(value) ? value.join(", ") : value, inputmode: field.number ? "decimal" : null,
-      autocomplete: "off", spellcheck: "false" });
-  return el("div", { class: "field", "data-place": `options.${field.name}` }, el("label", { for: id }, field.label), input,
-    el("p", { class: "hint", id: hint }, field.hint), el("div", { class: "wrong" }));
+function fieldOf(option, start) {
+  const id = fresh(option.name), hint = fresh("hint"), value = written(option, start[option.name]);
+  const common = { id, name: `option-${option.name}`, "aria-describedby": hint }, choice = words(option);
+  const number = option.kind === "number" || option.kind === "whole";
+  const input = choice
+    ? el("select", common, choice.map(([word, text]) => el("option", { value: word, selected: word === value }, text)))
+    : el("input", { ...common, type: number ? "number" : "text", min: option.least ?? option.above, max: option.most,
+      step: number ? (option.kind === "whole" ? 1 : "any") : null, placeholder: option.default || option.metavar, value,
+      inputmode: number ? "decimal" : null, autocomplete: "off", spellcheck: "false" });
+  const hints = choice || !option.choices.length ? option.help : `${option.help} (${option.choices.join(", ")})`;
+  return el("div", { class: "field", "data-place": `options.${option.name}` }, el("label", { for: id }, option.label), input,
+    el("p", { class: "hint", id: hint }, hints), el("div", { class: "wrong" }));
 }
 
 /** A rate for files that have none, told as the guess it is. */
