@@ -52,9 +52,10 @@ class Motion(ABC):
     def between(self, first: int, last: int) -> Floats:
         """(last - first, nq) poses of the frames first to last - 1, as far as there are such."""
 
-    @abstractmethod
     def whole(self) -> Clip:
         """The motion with all its poses in one array."""
+        told = {f.name: getattr(self, f.name) for f in fields(Motion)}
+        return Clip(qpos=self.between(0, self.frames), **told)
 
     @property
     def frames(self) -> int:
@@ -107,11 +108,6 @@ class LongClip(Motion):
     def between(self, first: int, last: int) -> Floats:
         """(last - first, nq) poses of the frames first to last - 1."""
         return self.rows.between(first, last)
-
-    def whole(self) -> Clip:
-        """The clip with all its poses in one array."""
-        told = {f.name: getattr(self, f.name) for f in fields(Motion)}
-        return Clip(qpos=self.rows.between(0, len(self.rows)), **told)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
