@@ -26,12 +26,12 @@ from scipy.spatial.transform import Rotation
 from benchmarks import root_height
 from benchmarks.row import Row, best_of, markdown
 from physretarget import capture, keyposes, mapping, ocp
-from physretarget.balance import balance
 from physretarget.capture.actor import ActorMotion
 from physretarget.demo import models_folder, motions_folder
 from physretarget.mjcf import Character
 from physretarget.pipeline import Retargeted, RetargetSettings, retarget
 from physretarget.trained import TrainedMapper, learn
+from physretarget.wholebody import balance
 
 MODELS = models_folder()
 SECONDS = 60.0

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from physretarget import contact, ik, momentum, ocp, passive
 from physretarget._version import __version__
-from physretarget.balance import Balanced, balance
 from physretarget.capture.actor import ActorMotion, ActorShape
 from physretarget.clip import Clip
 from physretarget.errors import InputError
@@ -32,6 +31,7 @@ from physretarget.mjcf.dynamics import lowpass
 from physretarget.novelty import Novelty, novelty
 from physretarget.options.retargeting import STAGES, RetargetSettings, Stage
 from physretarget.trained import TrainedMapper
+from physretarget.wholebody import WholeBody, balance
 
 __all__ = [
     "STAGES",
@@ -71,7 +71,7 @@ class Retargeted:
     phases: contact.Phases | None
     contacted: contact.Contacted | None
     physical: ocp.RootHeight | None
-    balanced: Balanced | None
+    balanced: WholeBody | None
     clip: Clip
     seconds: dict[str, float]
     notes: tuple[str, ...]
@@ -218,7 +218,7 @@ def retarget(
             model_name=character.name,
             model_sha256=character.sha256,
             contact_points=character.contacts.names if contacted else (),
-            contact_active=contacted.active if contacted else None,
+            contact_active=_standing(contacted, balanced),
             meta=_provenance(motion, mapper, settings) | {"novelty": unlike.summary()},
         ),
         seconds=watch.seconds,
@@ -292,17 +292,29 @@ def _physical(
 
 def _balanced(
     run: _Run, contacted: contact.Contacted | None, physical: ocp.RootHeight | None
-) -> Balanced | None:
-    """Led to where the floor can bear it; a passive limb feels the lean."""
+) -> WholeBody | None:
+    """The whole body moved to where the floor can bear it; a passive limb feels that.
+
+    From stage ``contacted``: what the root's height alone mends, the whole body mends with less.
+    """
     if contacted is None or physical is None or not run.reaches("balanced"):
         return None
     run.watch.start("balance")
-    balanced = balance(run.character, physical.qpos, run.motion.time, contacted.active)
+    balanced = balance(run.character, contacted.qpos, run.motion.time, contacted.active)
     if run.swinging:
         swung = run.swing(balanced.qpos)
         limb = passive.with_limb(run.character, balanced.qpos, swung.qpos)
         balanced = replace(balanced, qpos=limb)
     return balanced
+
+
+def _standing(
+    contacted: contact.Contacted | None, balanced: WholeBody | None
+) -> NDArray[np.bool_] | None:
+    """Which contact points the clip says stand."""
+    if contacted is None:
+        return None
+    return contacted.active if balanced is None else balanced.active
 
 
 def _provenance(

@@ -9,7 +9,15 @@ ball joint rotates in its body's frame.
 
 from __future__ import annotations
 
-from physretarget.kinematics.pose import Pose, forward, jacobian, points, trajectories
+from physretarget.kinematics.pose import (
+    Pose,
+    forward,
+    jacobian,
+    points,
+    rises,
+    screws,
+    trajectories,
+)
 from physretarget.kinematics.rotations import (
     continuous,
     matrix_to_quat,
@@ -23,9 +31,16 @@ from physretarget.kinematics.rotations import (
     slerp,
 )
 from physretarget.kinematics.runs import runs
-from physretarget.kinematics.solver import PointTargets, Solution, solve, stiffness
+from physretarget.kinematics.solver import PointTargets, Solution, attraction, solve, stiffness
 from physretarget.kinematics.trajectory import Price, Trajectory, solve_trajectory
-from physretarget.kinematics.tree import Joint, Tree, difference, integrate
+from physretarget.kinematics.tree import (
+    Joint,
+    StepSlopes,
+    Tree,
+    difference,
+    difference_slopes,
+    integrate,
+)
 
 __all__ = [
     "Joint",
@@ -33,10 +48,13 @@ __all__ = [
     "Pose",
     "Price",
     "Solution",
+    "StepSlopes",
     "Trajectory",
     "Tree",
+    "attraction",
     "continuous",
     "difference",
+    "difference_slopes",
     "forward",
     "integrate",
     "jacobian",
@@ -47,9 +65,11 @@ __all__ = [
     "quat_rotate",
     "quat_to_matrix",
     "quat_to_rotvec",
+    "rises",
     "rotvec_slope",
     "rotvec_to_quat",
     "runs",
+    "screws",
     "slerp",
     "solve",
     "solve_trajectory",

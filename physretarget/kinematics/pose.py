@@ -196,3 +196,15 @@ def _matrix_table() -> Floats:
 
 _PRODUCT = _product_table()
 _MATRIX = _matrix_table()
+
+
+def rises(tree: Tree, pose: Pose, qpos: Floats, frame: Ints, body: Ints, local: Floats) -> Floats:
+    """(N, nv) by how much each degree of freedom raises the points ``local`` (N, 3) of bodies
+    (N,) in frames (N,): rows of their Jacobians. ``pose`` must be ``forward(tree, qpos)``."""
+    some, place = np.unique(frame, return_inverse=True)
+    part = Pose(pose.position[some], pose.rotation[some])
+    angular, anchor, linear = (each[place] for each in screws(tree, part, qpos[some]))
+    at = pose.position[frame, body] + (pose.rotation[frame, body] @ local[..., None])[..., 0]
+    arm = at[:, None] - anchor
+    up = linear[..., 2] + angular[..., 0] * arm[..., 1] - angular[..., 1] * arm[..., 0]
+    return np.asarray(up * tree.carries[tree.dof_body][:, body].T)

@@ -306,9 +306,18 @@ def stiffness(
     weighted sum of squares by which the points move.
     """
     at = points(pose, body, local)
-    placed = PointTargets(body, local, at, weight)
-    problem = pose_problem(tree, qpos, [placed], None, None, None, None, 0.0)
-    return normal_equations(tree, qpos, pose, problem, np.zeros_like(at))[0]
+    return attraction(tree, qpos, pose, PointTargets(body, local, at, weight))[0]
+
+
+def attraction(
+    tree: Tree, qpos: Floats, pose: Pose, targets: PointTargets
+) -> tuple[Floats, Floats]:
+    """JᵀWJ (T, nv, nv) and JᵀW (x - target) (T, nv): Gauss-Newton's view of ½ Σ w |x - target|².
+
+    ``pose`` must be ``forward(tree, qpos)``.
+    """
+    problem = pose_problem(tree, qpos, [targets], None, None, None, None, 0.0)
+    return normal_equations(tree, qpos, pose, problem, problem.errors(pose))
 
 
 def against_bounds(problem: Problem, qpos: Floats, gradient: Floats) -> Bools:

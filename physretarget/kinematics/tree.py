@@ -16,6 +16,7 @@ from physretarget.kinematics.rotations import (
     quat_multiply,
     quat_normalized,
     quat_to_rotvec,
+    rotvec_slope,
     rotvec_to_quat,
 )
 
@@ -220,3 +221,31 @@ def difference(tree: Tree, start: Floats, end: Floats) -> Floats:
     turn = quat_multiply(quat_conjugate(quat_normalized(start[:, at])), quat_normalized(end[:, at]))
     step[:, dof] = quat_to_rotvec(turn)
     return step
+
+
+@dataclass(frozen=True, eq=False)
+class StepSlopes:
+    """Derivative (T, nv, nv) of a step by a further step, all but blocks of three ±1.
+
+    ``sign`` of the plain degrees of freedom; ``dofs`` (n, 3) of the quaternions, with their
+    ``blocks`` (T, n, 3, 3).
+    """
+
+    sign: float
+    dofs: Ints
+    blocks: Floats
+
+    def times(self, rows: Floats) -> Floats:
+        """Rows (T, k, nv) times the derivative."""
+        product = self.sign * rows
+        for i, dofs in enumerate(self.dofs):
+            product[..., dofs] = rows[..., dofs] @ self.blocks[:, i]
+        return product
+
+
+def difference_slopes(tree: Tree, start: Floats, end: Floats) -> tuple[StepSlopes, StepSlopes]:
+    """Derivatives of ``difference(tree, start, end)`` by steps of ``start`` and of ``end``."""
+    at, dofs = tree.quats
+    turn = quat_multiply(quat_conjugate(quat_normalized(start[:, at])), quat_normalized(end[:, at]))
+    blocks = rotvec_slope(quat_to_rotvec(turn))
+    return StepSlopes(-1.0, dofs, -blocks.swapaxes(-1, -2)), StepSlopes(1.0, dofs, blocks)

@@ -32,7 +32,7 @@ _STAGE_NOTES = {
     "placed": "travel and turn from the actor's momentum",
     "contacted": "feet planted where the actor's are",
     "physical": "height of the root made to obey gravity and contact",
-    "balanced": "led to where the points in contact can bear it",
+    "balanced": "the whole body moved to where the floor can bear it",
 }
 
 

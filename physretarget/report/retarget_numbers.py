@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from physretarget.balance import Balanced
 from physretarget.contact import Contacted
 from physretarget.momentum import Placed
 from physretarget.ocp import RootHeight
 from physretarget.pipeline import Retargeted
 from physretarget.report.retarget_data import KeyNumber
+from physretarget.wholebody import WholeBody
 
 __all__ = ["key_numbers"]
 
@@ -109,7 +109,7 @@ def _bound(physical: RootHeight) -> KeyNumber:
     )
 
 
-def _balanced(balanced: Balanced, height: float) -> KeyNumber:
+def _balanced(balanced: WholeBody, height: float) -> KeyNumber:
     before, after = balanced.unexplained_before.mean(), balanced.unexplained_after.mean()
     moved = 100 * float(np.sqrt(np.mean(balanced.moved**2))) / height
     return KeyNumber(

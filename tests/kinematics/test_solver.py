@@ -9,11 +9,14 @@ from physretarget.kinematics import (
     PointTargets,
     Tree,
     difference,
+    difference_slopes,
     forward,
     integrate,
     jacobian,
     points,
+    rises,
     solve,
+    stiffness,
 )
 from physretarget.kinematics.solver import add_prior, normal_equations, pose_problem
 
@@ -145,3 +148,45 @@ def test_uneven_priors_have_the_right_slope():
 def test_no_targets_is_an_error():
     with pytest.raises(UsageError, match="at least one"):
         solve(TREE, TREE.neutral(), [])
+
+
+def test_stiffness_is_that_of_the_jacobian() -> None:
+    rng = np.random.default_rng(1)
+    tree = arm()
+    qpos = integrate(tree, np.tile(tree.neutral(), (3, 1)), rng.normal(0, 0.3, (3, tree.nv)))
+    pose = forward(tree, qpos)
+    body, local = np.array([1, 3, 5, 4]), rng.normal(size=(4, 3))
+    weight = rng.uniform(0.1, 2.0, (3, 4))
+    slope = jacobian(tree, pose, qpos, body, local)
+    twin = np.swapaxes(slope, 1, 2) @ (np.repeat(weight, 3, axis=1)[..., None] * slope)
+    assert stiffness(tree, qpos, pose, body, local, weight) == pytest.approx(twin, abs=1e-10)
+
+
+def test_rises_are_vertical_rows_of_the_jacobian() -> None:
+    rng = np.random.default_rng(2)
+    tree = arm()
+    qpos = integrate(tree, np.tile(tree.neutral(), (3, 1)), rng.normal(0, 0.3, (3, tree.nv)))
+    pose = forward(tree, qpos)
+    frame, body, local = np.array([0, 2, 2]), np.array([5, 3, 4]), rng.normal(size=(3, 3))
+    rows = rises(tree, pose, qpos, frame, body, local)
+    for row, t, b, at in zip(rows, frame, body, local, strict=True):
+        whole = jacobian(tree, pose, qpos, np.array([b]), at[None])
+        assert row == pytest.approx(whole[t, 2], abs=1e-12)
+
+
+def test_slopes_of_a_difference_are_its_derivatives() -> None:
+    rng = np.random.default_rng(3)
+    tree = arm()
+    start = integrate(tree, np.tile(tree.neutral(), (3, 1)), rng.normal(0, 0.4, (3, tree.nv)))
+    end = integrate(tree, start, rng.normal(0, 0.5, (3, tree.nv)))
+    step, eps = rng.normal(size=(3, tree.nv)), 1e-6
+    by_start, by_end = difference_slopes(tree, start, end)
+    for slope, moved in (
+        (by_start, lambda s: difference(tree, integrate(tree, start, s * step), end)),
+        (by_end, lambda s: difference(tree, start, integrate(tree, end, s * step))),
+    ):
+        twin = (moved(eps) - moved(-eps)) / (2 * eps)
+        # Rows times the derivative: the derivative's own rows, times the step.
+        unit = np.tile(np.eye(tree.nv), (3, 1, 1))
+        found = (slope.times(unit) @ step[..., None])[..., 0]
+        assert found == pytest.approx(twin, abs=1e-8)
