@@ -26,7 +26,9 @@ class WholeBodySettings:
         impact shows in the frames around it.
     velocity, acceleration: of the markers' change, per τ and per τ². ends: more of the velocity
         within about τ of a clip's ends: beyond them nobody has to catch a fall.
-    joint: of the change of a joint, per rad, against the displacement of one marker.
+    joint: of the change of a joint, per rad, against the displacement of one marker. turn: of the
+        root's turning, in velocity and acceleration: a base under a head that keeps still would
+        flutter, for its own few markers say little.
     stance, flight: of contact points against 1 for a marker, on the floor and off it; in between
         they fade over ``fade`` s from the stance and ``low`` heights above the floor.
     gaze, gaze_rate: of the change of the direction that the face has, and of its rate per τ.
@@ -47,16 +49,17 @@ class WholeBodySettings:
     friction: float = 0.9
     inset: float = 0.1
     reach: int = 1
-    velocity: float = 0.02
+    velocity: float = 0.005
     acceleration: float = 0.003
     ends: float = 1.0
     joint: float = 0.1
+    turn: float = 5.0
     stance: float = 1e6
     flight: float = 3.0
     fade: float = 0.04
     low: float = 0.03
     gaze: float = 0.01
-    gaze_rate: float = 0.02
+    gaze_rate: float = 0.1
     limit: float = 500.0
     floor: float = 100.0
     most: float = 0.12

@@ -196,6 +196,8 @@ def _task(
     joint = joint_weights(character, settings.joint)
     index = np.arange(tree.nv)
     metric[:, index, index] += joint
+    root = character.root_dof + np.arange(3, 6)
+    metric[:, root, root] += settings.turn * character.height**2
     size = len(markers) * character.height**2
     shapes = solids(character)
     low, floor = lowest_heights(shapes, pose), character.floor_height
