@@ -13,6 +13,7 @@ say where):
   ``supported`` whether one does in this frame or within reach of its force
 * ``declared_height``, ``declared_body``, ``undeclared_body``: where what the clip says of its
   contacts differs from its geometry, see :func:`physretarget.validation.declared.compare`
+* ``com`` (T, 3) m, the centre of mass
 * ``moment_rest`` (T, 3) BW h: what remains when contact forces explain the force;
   ``contact_force`` (T, 3) BW: what was found; ``arm`` (T, 3) h, the mean arm about the CoM of
   what may bear, zero for nothing; ``grip`` the friction coefficient of what touches, NaN for
@@ -235,9 +236,10 @@ def _forces(
     series["required_force"], series["required_moment"] = force, moment
     dofs = slice(character.root_dof, character.root_dof + 3)
     series["root_acceleration"] = np.linalg.norm(qacc[keep, dofs], axis=1)
+    com = centre_of_mass(character, _part(pose, chunk.wide))
+    series["com"] = com[inner]
     if contacts is None:
         return
-    com = centre_of_mass(character, _part(pose, chunk.wide))
     poses = (pose,) if chunk.raw_pose is pose else (pose, chunk.raw_pose)
     here = _part(pose, keep)
     own = find_support(contacts, com, inner, chunk.reach)

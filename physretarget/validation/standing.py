@@ -28,7 +28,7 @@ def tip_margin(analysis: Analysis) -> Floats:
     character = analysis.character
     height = max(character.com_height, 1e-3)
     force, moment = analysis["required_force"], analysis["required_moment"] * height
-    com = analysis["given_com"]
+    com = analysis["com"]
     above = com[:, 2] - character.floor_height
     with np.errstate(divide="ignore", invalid="ignore"):
         x = com[:, 0] - (moment[:, 1] + above * force[:, 0]) / force[:, 2]

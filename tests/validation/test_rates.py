@@ -136,6 +136,9 @@ def test_measures_are_those_of_every_fourth_frame(biped: Character) -> None:
     fine = validate(clip, biped)
     coarse = validate(Clip(qpos=clip.qpos[::4], time=clip.time[::4]), biped)
     for name, measure in coarse.measures.items():
+        if measure.value is None:
+            assert fine.measures[name].value is None, name
+            continue
         assert fine.measures[name].value == pytest.approx(measure.value, rel=1e-5), name
         if measure.frame is not None:
             assert fine.measures[name].frame == 4 * measure.frame, name
