@@ -17,7 +17,7 @@ from physretarget.clip import Motion, open_clip
 from physretarget.errors import InputError, UsageError
 from physretarget.keyposes import load_keyposes
 from physretarget.mjcf import Character
-from physretarget.options import build
+from physretarget.options import JOBS, build, read
 from physretarget.options.judging import JudgingOptions, ValidationOptions
 from physretarget.options.motion import CaptureOptions, ClipOptions
 from physretarget.options.retargeting import MAPPERS, MapperOptions, MapperSource
@@ -64,8 +64,7 @@ def run_job(
     Args:
         kind: ``validate`` or ``retarget``.
         source: the clip, or the capture.
-        given: options by name, those of the kind's schema; ``model`` or ``character`` is among
-            them.
+        given: options by name, those of suite files; ``model`` or ``character`` is among them.
         judge: whether a retargeted clip is judged too.
         most_frames: longer clips and captures are refused.
         stamp: changes when the model or the key poses do, which are kept between jobs; their
@@ -76,6 +75,7 @@ def run_job(
         PhysretargetError: something cannot be used, or makes no sense.
     """
     progress("read", 0.0)
+    given = read(given, JOBS[kind].suite)
     if kind == "validate":
         character = load_character(given["model"], stamp)
         settings = settings_of(given, RULES, JUDGED_BY[kind])

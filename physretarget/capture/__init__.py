@@ -23,6 +23,8 @@ from physretarget.capture.moving_floor import find_moving_floor, held_still
 from physretarget.capture.plausible import doubts
 from physretarget.capture.recording import JointRecording, MarkerRecording
 from physretarget.errors import InputError, UsageError
+from physretarget.options import find, options_of
+from physretarget.options.motion import CaptureOptions, Resampling
 
 __all__ = ["FORMATS", "Inspection", "detect_format", "inspect", "load", "read"]
 
@@ -169,10 +171,9 @@ def load(
         InputError: The file cannot be used, or is doubtful and ``on_doubt`` says fail.
         UsageError: A value is out of its range.
     """
-    if mass is not None and not 5 <= mass <= 500:
-        raise UsageError(f"The mass is {mass:g} kg; it must lie between 5 and 500 kg.")
-    if fps is not None and not 1 <= fps <= 1000:
-        raise UsageError(f"The frame rate is {fps:g}; it must lie between 1 and 1000 per second.")
+    CaptureOptions(mass=mass, on_doubt=on_doubt)  # refuses what is out of range
+    if fps is not None:
+        find("fps", options_of(Resampling)).read(fps, "fps")
     recording = read(path, unit=unit, up=up, skeleton=skeleton, subject=subject)
     if max_seconds is not None:
         recording = _start(recording, max_seconds)

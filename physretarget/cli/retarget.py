@@ -115,7 +115,9 @@ def _run(
         if share == 0:
             step(stage)
 
-    done = run_job("retarget", path, given, judge=folder is not None, progress=begin)
+    done = run_job(
+        "retarget", path, RETARGET.of_job(given), judge=folder is not None, progress=begin
+    )
     done.clip.whole().save(target)
     if folder is not None:
         assert done.retargeted is not None

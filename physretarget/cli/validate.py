@@ -93,7 +93,9 @@ class _Job:
 
 
 def _judge(path: Path, job: _Job, progress: Callable[[float], None]) -> Judged:
-    done = run_job("validate", path, job.given, progress=lambda stage, share: progress(share))
+    done = run_job(
+        "validate", path, VALIDATE.of_job(job.given), progress=lambda stage, share: progress(share)
+    )
     report = done.report
     assert report is not None
     if job.accepted is not None:

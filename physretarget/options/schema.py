@@ -84,6 +84,11 @@ class Schema:
         """Those of the suite file."""
         return _options((*self.files, *self.shared))
 
+    def of_job(self, given: Mapping[str, Any]) -> dict[str, Any]:
+        """Of all options given those that change the result."""
+        names = {each.name for each in self.suite}
+        return {name: value for name, value in given.items() if name in names}
+
 
 def _options(groups: tuple[type, ...]) -> tuple[Option, ...]:
     return tuple({each.name: each for group in groups for each in options_of(group)}.values())
