@@ -7,7 +7,6 @@ Both sides are centred on their first sample, so that an offset does not count:
 from __future__ import annotations
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.signal import fftconvolve
 
@@ -38,9 +37,3 @@ def _correlate(p: Array, q: Array) -> Array:
     if len(p) * len(q) < 200_000:  # below, the direct sum is faster
         return np.correlate(p, q, mode="valid")
     return np.asarray(fftconvolve(p, q[::-1], mode="valid"), dtype=np.float64)
-
-
-def windows(capture: NDArray[np.float32], n: int) -> NDArray[np.float32]:
-    """(M - n + 1, n) view of every window."""
-    view: NDArray[np.float32] = sliding_window_view(capture, n)
-    return view

@@ -13,22 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+_WEIGHTS = np.array([1.0, 2.0, 4.0])
 
 
-def features(rows: Array, weights: tuple[float, float, float] = (1.0, 0.5, 0.25)) -> Array:
-    """(..., n, 3): value from the start, slope and curvature over the window's whole length."""
-    value = rows - rows[..., :1]
-    n = rows.shape[-1]
-    if n < 3:
-        slope = np.gradient(value, axis=-1) * max(n - 1, 1) if n > 1 else np.zeros_like(value)
-        curvature = np.zeros_like(value)
-    else:
-        slope = np.gradient(value, axis=-1) * (n - 1)
-        curvature = np.gradient(slope, axis=-1) * (n - 1)
-    # An ease between flat keys has slopes of about 1.5 and curvatures of about 6 times its rise.
-    scale = np.array(weights) / np.array([1.0, 1.5, 6.0])
-    stacked: Array = np.stack([value, slope, curvature], axis=-1) * scale
-    return stacked
+def features(rows: Array, spread: float) -> Array:
+    """(..., n, 3): value, slope and curvature per frame, each over the channel's own deviation."""
+    slope = np.gradient(rows, axis=-1)
+    found: Array = np.stack([rows, slope, np.gradient(slope, axis=-1)], axis=-1)
+    scaled: Array = found * _WEIGHTS / spread
+    return scaled
 
 
 def emission(example: Array, capture: Array) -> Array:
@@ -94,11 +87,3 @@ def _step(
         arrive[:, step:] = np.where(better, near, arrive[:, step:])
         source[:, step:] = np.where(better, frames[: m - step], source[:, step:])
     return arrive, source
-
-
-def align(example: Array, capture: Array, beta: float = 0.02) -> NDArray[np.intp]:
-    """(N,) frames of a capture window (M,) that an example's points (N,) belong to."""
-    cost = emission(features(example), features(capture))
-    _, path = viterbi(cost[None], beta, free_end=False)
-    frames: NDArray[np.intp] = path[0]
-    return frames

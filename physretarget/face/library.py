@@ -1,9 +1,7 @@
 """The library: an animator's past curves, cut into segments that matching can borrow.
 
 Each example curve is halved again and again at its median key, which both halves keep, down to
-at least ``min_keys`` keys (Ruhland et al. 2017, "Example Curve Segmentation"). Beyond the paper,
-every run of up to ``longest_run`` neighbouring keys is a segment too: halving alone leaves most
-short gestures cut through the middle.
+at least ``min_keys`` keys (Ruhland et al. 2017, "Example Curve Segmentation").
 """
 
 from __future__ import annotations
@@ -30,7 +28,7 @@ from physretarget.face.shot import Shot
 from physretarget.files import npz_bytes, write_file
 
 Array = NDArray[np.float64]
-_VERSION = 1
+_VERSION = 2
 # What NumPy's and zip's readers raise over archives that are damaged or forged.
 _TORN = (
     zipfile.BadZipFile,
@@ -50,14 +48,13 @@ _TORN = (
 
 @dataclass(frozen=True, kw_only=True)
 class LibrarySettings:
-    """How examples are cut: halves of at least min_keys keys, runs of 2 to longest_run keys."""
+    """How examples are cut: halves of at least min_keys keys."""
 
     min_keys: int = 4
-    longest_run: int = 5
 
     def __post_init__(self) -> None:
-        if self.min_keys < 2 or self.longest_run < 1:
-            raise InputError("segments need at least 2 keys, runs at least 1.")
+        if self.min_keys < 2:
+            raise InputError("segments need at least 2 keys.")
 
 
 @dataclass(frozen=True)
@@ -150,8 +147,6 @@ class Library:
         for index, example in enumerate(self.examples):
             count = len(example.curve.keys)
             found |= {(index, a, b) for a, b in halves(count, self.settings.min_keys)}
-            for size in range(2, min(self.settings.longest_run, count) + 1):
-                found |= {(index, a, a + size - 1) for a in range(count - size + 1)}
         ordered = sorted(found, key=lambda s: (-self._duration(*s), s))
         return tuple(Segment(*s) for s in ordered)
 

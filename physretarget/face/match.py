@@ -1,61 +1,48 @@
-"""A take in, an animator's curves out, and for every key where it comes from."""
+"""A take in, an animator's curves out, and for every span where it comes from."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from physretarget.errors import InputError, UsageError
-from physretarget.face.cover import CoverSettings, Job, cover
+from physretarget.errors import InputError
+from physretarget.face.bound import bounded
 from physretarget.face.curve import Curve, Key
-from physretarget.face.explain import Piece, explain, runners_up
-from physretarget.face.greedy import greedy_cover
-from physretarget.face.join import assemble
+from physretarget.face.keyfit import Chain, key_table
 from physretarget.face.library import Library
-from physretarget.face.noise import measure_noise, reliability, smoothed
-from physretarget.face.place import Placed
+from physretarget.face.noise import noise_level, smoothed
+from physretarget.face.programme import ProgrammeSettings, Score, programme, whole_rest
 from physretarget.face.rig import Rig, RigChannel
-from physretarget.face.screen import ScreenSettings
+from physretarget.face.ruhland import (
+    EXACT,
+    Claim,
+    Entry,
+    PaperSettings,
+    claims,
+    dictionary,
+    warp,
+)
 from physretarget.face.shot import Shot, Take
-from physretarget.face.templates import Bank, make_bank
-from physretarget.face.warp import fit, within_range
+from physretarget.face.sources import Piece, Shapes, named, span_sources
+from physretarget.face.spans import HOLD, KINDS
+from physretarget.face.warp import within_range
 from physretarget.options.facial import MatchOptions
 
 Array = NDArray[np.float64]
-Banks = dict[tuple[str, ...], Bank]
-STRETCHES = ("uniform", "middle")
+Flags = NDArray[np.bool_]
+DOUBT = 0.5
+"""A span is doubtful if the chances that a key stands within a frame of an end are below this."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MatchSettings(MatchOptions):
-    """The animator's two sliders and what else can be chosen.
+    """What the options leave out. doubt: see DOUBT."""
 
-    fidelity: misfit, as a fraction of what the channel moves, that is worth one unit of price: low
-    replicates the capture, high deviates (the paper's threshold). key_cost: price of one key: low
-    is dense, high sparse. placement: ``optimal``, the paper's ``greedy``, or ``joint``:
-    optimal for each rig group together, its channels keyed at one time but for small lags.
-    phrases: the optimal one may take segments of more than two keys as well, at twice the time.
-    stretch: of phrases in time, ``uniform`` or, after Keogh, of their ``middle`` alone.
-    trust: weigh frames by the jitter measured from the capture. turns, rests: how much cheaper, in
-    prices of a key, cuts at turning points and at the ends of rests are.
-    lips: match them too. least_confidence: pieces below it are flagged as doubtful.
-    """
-
-    phrases: bool = False
-    stretch: str = "uniform"
-    trust: bool = True
-    turns: float = 0.25
-    rests: float = 0.0
-    least_confidence: float = 0.3
-    screen: ScreenSettings = field(default_factory=ScreenSettings)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.stretch not in STRETCHES:
-            raise UsageError(f"stretch is {self.stretch!r}; it is one of {', '.join(STRETCHES)}.")
+    doubt: float = DOUBT
 
 
 @dataclass(frozen=True)
@@ -78,21 +65,25 @@ class ChannelResult:
 
 @dataclass(frozen=True)
 class Result:
-    """Every matched channel, the capture it was matched to and the settings."""
+    """Every matched channel, the capture it was matched to and the settings.
+
+    dense: channels that are left to the capture, one key a frame.
+    """
 
     take: Take
     channels: Mapping[str, ChannelResult]
     settings: MatchSettings
     notes: tuple[str, ...] = ()
+    dense: Mapping[str, Curve] = field(default_factory=dict)
 
     def shot(self) -> Shot:
-        """The curves alone, ready for a writer."""
-        curves = {name: c.curve for name, c in self.channels.items()}
+        """All curves, ready for a writer."""
+        curves = {name: c.curve for name, c in self.channels.items()} | dict(self.dense)
         return Shot(self.take.name, curves, self.take.fps, self.take.sha256, self.notes)
 
     @property
     def keys(self) -> int:
-        """How many keys all channels have together."""
+        """How many keys all matched channels have together."""
         return sum(len(c.curve.keys) for c in self.channels.values())
 
     @property
@@ -103,14 +94,45 @@ class Result:
 
 
 @dataclass(frozen=True, eq=False)
-class _Group:
-    """Channels that share a bank, in units of what each moves."""
+class Banks:
+    """What is made of a library once and kept between calls: shapes and dictionaries."""
 
-    channels: list[RigChannel]
-    dense: Job
+    shapes: dict[tuple[str, ...], Shapes] = field(default_factory=dict)
+    entries: dict[tuple[object, ...], list[Entry]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class _Job:
+    """Channels (C, M) in units of what each moves; locked keys by frame, in the same units."""
+
+    take: Take
+    channels: Sequence[RigChannel]
+    values: Array
+    smooth: Array
+    level: Array
     unit: Array
     base: Array
-    locked: list[dict[int, Key]] = field(default_factory=list)
+    locked: list[dict[int, Key]]
+
+    def part(self, rows: list[int]) -> _Job:
+        """Some of the channels."""
+        return replace(
+            self,
+            channels=[self.channels[r] for r in rows],
+            locked=[self.locked[r] for r in rows],
+            **{n: getattr(self, n)[rows] for n in ("values", "smooth", "level", "unit", "base")},
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Draft:
+    """A channel's keys (K, 6) in frames and units, where they may break, which are locked."""
+
+    table: Array
+    broken: Flags
+    held: Flags
+    pieces: tuple[Piece, ...]
+    finished: bool = False  # a past curve as it was: nothing is cut off
 
 
 def match(
@@ -133,8 +155,8 @@ def match(
         settings: sliders and method.
         span: match only between these times (s); curves then end on the capture there.
         locked: per rig channel, keys that stay exactly as they are.
-        banks: templates kept between calls with the same library.
-        progress: told each group's name.
+        banks: what was made of the same library in an earlier call.
+        progress: told what is being done.
 
     Raises:
         InputError: channels that the capture lacks, locked keys outside the take or of unknown
@@ -146,37 +168,34 @@ def match(
         driven = driven.between(*span)
     matched = rig.matched(lips=chosen.lips)
     _check_locked(locked or {}, matched, driven)
-    kept = {} if banks is None else banks
-    results: dict[str, ChannelResult] = {}
-    borrowing: dict[tuple[str, ...], list[RigChannel]] = {}
-    for channel in matched:
-        borrowing.setdefault(tuple(rig.library.get(channel.group, ())), []).append(channel)
-    for members in borrowing.values():  # groups that borrow from the same are matched at once
-        progress(", ".join(dict.fromkeys(c.group for c in members)))
-        phrases = chosen.phrases or chosen.placement == "greedy"
-        bank = _bank(library, rig, members[0].group, phrases, chosen.stretch == "middle", kept)
-        results |= _group(driven, members, bank, library, chosen, locked or {})
-    ordered = {c.name: results[c.name] for c in matched}
     notes = driven.notes
     if not matched:
         notes += ("Nothing was matched: lips are left to the capture unless asked for.",)
-    return Result(driven, ordered, chosen, notes)
+    dense = {
+        c.name: Curve.through(driven.time, driven.channel(c.name), "linear")
+        for c in rig.channels
+        if c not in matched
+    }
+    if not matched:
+        return Result(driven, {}, chosen, notes, dense)
+    for group in dict.fromkeys(c.group for c in matched):
+        _check_library(library, rig, group)
+    job = _prepare(driven, matched, locked or {})
+    kept = banks or Banks()
+    make = _as_the_paper if chosen.preset == "ruhland2017" else _by_programme
+    drafts = make(job, library, rig, chosen, kept, progress)
+    results = {
+        channel.name: _finish(job, row, draft, chosen)
+        for row, (channel, draft) in enumerate(zip(matched, drafts, strict=True))
+    }
+    return Result(driven, results, chosen, notes, dense)
 
 
-def _bank(
-    library: Library, rig: Rig, group: str, phrases: bool, middle: bool, banks: Banks
-) -> Bank:
-    patterns = tuple(rig.library.get(group, ()))
-    wanted = (*patterns, str(phrases), str(middle))
-    if wanted not in banks:
-        banks[wanted] = make_bank(
-            library, lambda name: rig.borrows(group, name), phrases=phrases, middle=middle
-        )
-    bank = banks[wanted]
-    if not bank.spans:
+def _check_library(library: Library, rig: Rig, group: str) -> None:
+    if not any(rig.borrows(group, e.channel) for e in library.examples):
+        patterns = rig.library.get(group, ())
         asked = f" for group {group} ({', '.join(patterns)})" if patterns else ""
         raise InputError(f"the library holds no segment that moves{asked}.")
-    return bank
 
 
 def _check_locked(
@@ -195,8 +214,8 @@ def _check_locked(
 
 
 def _prepare(
-    take: Take, channels: list[RigChannel], locked: Mapping[str, Sequence[Key]], fidelity: float
-) -> _Group:
+    take: Take, channels: Sequence[RigChannel], locked: Mapping[str, Sequence[Key]]
+) -> _Job:
     values = np.stack([take.channel(c.name) for c in channels])
     moved = np.ptp(values, axis=1)
     ranges = np.array([c.range for c in channels])
@@ -204,121 +223,305 @@ def _prepare(
     base = values.min(axis=1)
     relative = (values - base[:, None]) / unit[:, None]
     smooth = smoothed(relative, take.fps)
-    weight = np.stack(
-        [
-            reliability(s, measure_noise(v, s, take.fps), fidelity)
-            for v, s in zip(relative, smooth, strict=True)
-        ]
-    )
-    barred = np.zeros(values.shape, dtype=bool)
     pinned: list[dict[int, Key]] = []
     for row, channel in enumerate(channels):
         frames: dict[int, Key] = {}
         for key in locked.get(channel.name, ()):
             frame = round((key.time - take.time[0]) * take.fps)
-            frame = min(max(frame, 0), values.shape[1] - 1)
-            frames[frame] = key
-            smooth[row, frame] = (key.value - base[row]) / unit[row]
-            barred[row, frame] = True
+            scaled = key.moved(-take.time[0], -base[row]).scaled_to(take.fps, 1.0 / unit[row])
+            frames[min(max(frame, 0), values.shape[1] - 1)] = scaled
         pinned.append(frames)
-    return _Group(channels, Job(relative, smooth, weight, barred), unit, base, pinned)
+    level = noise_level(relative, smooth, take.fps)
+    return _Job(take, channels, relative, smooth, level, unit, base, pinned)
 
 
-def _group(
-    take: Take,
-    channels: list[RigChannel],
-    bank: Bank,
+def _by_programme(
+    job: _Job,
     library: Library,
+    rig: Rig,
     settings: MatchSettings,
-    locked: Mapping[str, Sequence[Key]],
-) -> dict[str, ChannelResult]:
-    job = _prepare(take, channels, locked, settings.fidelity)
-    if not settings.trust:
-        job.dense.weight[:] = 1.0
-    prices = CoverSettings(
-        fidelity=settings.fidelity,
-        key_cost=settings.key_cost,
-        phrases=settings.phrases,
-        turns=settings.turns,
-        rests=settings.rests,
-    )
-    place = greedy_cover if settings.placement == "greedy" else cover
-    together = _rows_by_group(job) if settings.placement == "joint" else []
-    covered = place(job.dense, take.fps, bank, settings.method, prices, settings.screen, together)
-    placed = covered.chains
-    last = len(take.time) - 1
-    for row in np.flatnonzero(np.ptp(job.dense.values, axis=1) < 1e-9).tolist():
-        if not job.locked[row]:  # a channel at rest is one hold, however long
-            placed[row] = [Placed(0, last, 0)]
-    others = runners_up(placed, job.dense, take.fps, bank, settings.method, prices, settings.screen)
-    by_row: list[dict[int, tuple[int, float]]] = [{} for _ in channels]
-    for (row, first), other in others.items():
-        by_row[row][first] = other
-    return {
-        channel.name: _channel(
-            take, job, row, placed[row], bank, library, settings, by_row[row],
-            covered.confidence[row],
+    banks: Banks,
+    progress: Callable[[str], None],
+) -> list[_Draft]:
+    """The default: keys where the take's own likelihood and prices put them."""
+    progress(f"{len(job.channels)} channels")
+    wanted = ProgrammeSettings(key_price=settings.key_cost, level=settings.fidelity)
+    scores = programme(job.values, job.take.fps, wanted, pinned=[list(f) for f in job.locked])
+    drafts = []
+    for row, (channel, score) in enumerate(zip(job.channels, scores, strict=True)):
+        whole = _from_itself(job, row, library, rig, banks)
+        if whole:
+            drafts.append(_draft_of_claims(job, row, whole, library))
+            continue
+        still = np.ptp(job.values[row]) < 1e-9 and not job.locked[row]
+        chain = whole_rest(len(job.take.time)) if still else score.chain
+        patterns = tuple(rig.library.get(channel.group, ()))
+        if patterns not in banks.shapes:
+            banks.shapes[patterns] = Shapes.of(
+                library,
+                lambda name, g=channel.group: rig.borrows(g, name),  # type: ignore[misc]
+            )
+        drafts.append(
+            _draft_of_chain(job, row, chain, score, library, banks.shapes[patterns], settings)
         )
-        for row, channel in enumerate(channels)
-    }  # fmt: skip
+    return drafts
 
 
-def _rows_by_group(job: _Group) -> list[list[int]]:
-    """Rows of channels that share a rig group and move at all."""
-    groups: dict[str, list[int]] = {}
-    for row, channel in enumerate(job.channels):
-        if np.ptp(job.dense.values[row]) >= 1e-9 and not job.locked[row]:
-            groups.setdefault(channel.group, []).append(row)
-    return [rows for rows in groups.values() if len(rows) > 1]
+def _from_itself(job: _Job, row: int, library: Library, rig: Rig, banks: Banks) -> list[Claim]:
+    """A curve of the library that the channel is, to within a thousandth of what it moves.
+
+    Before and after it the channel may rest. A past shot that comes in as a capture so comes back
+    as itself.
+    """
+    if np.ptp(job.values[row]) < 1e-9 or job.locked[row]:
+        return []
+    values, unit = job.values[row] * job.unit[row], float(job.unit[row])
+    whole = [
+        e
+        for e in _entries(job, row, library, rig, banks, whole=True)
+        if abs(float(np.ptp(e.samples)) - float(np.ptp(values))) <= 2 * EXACT * unit
+    ]
+    found = claims(values, whole, unit, PaperSettings(threshold=EXACT))
+    free = np.ones(len(values), dtype=np.bool_)
+    for claim in found:
+        free[claim.first : claim.last] = False
+    rests = np.abs(np.diff(job.values[row]))[free[:-1]].max(initial=0.0) < EXACT
+    if not found or not rests:
+        return []
+    return [_in_units(claim, unit) for claim in found]
 
 
-def _channel(
-    take: Take,
-    job: _Group,
+def _in_units(claim: Claim, unit: float) -> Claim:
+    return replace(claim, table=claim.table * np.array([1.0, 1.0 / unit] * 3))
+
+
+def _entries(
+    job: _Job, row: int, library: Library, rig: Rig, banks: Banks, *, whole: bool = False
+) -> list[Entry]:
+    group = job.channels[row].group
+    wanted = (*rig.library.get(group, ()), job.take.fps, whole)
+    if wanted not in banks.entries:
+        banks.entries[wanted] = dictionary(
+            library, job.take.fps, lambda name: rig.borrows(group, name), whole=whole
+        )
+    return banks.entries[wanted]
+
+
+def _draft_of_chain(
+    job: _Job,
     row: int,
-    placed: list[Placed],
-    bank: Bank,
+    chain: Chain,
+    score: Score,
     library: Library,
+    shapes: Shapes,
     settings: MatchSettings,
-    others: dict[int, tuple[int, float]],
-    confidence: Array,
-) -> ChannelResult:
-    channel, unit, base = job.channels[row], job.unit[row], job.base[row]
-    pinned = {
-        frame: replace(
-            key.moved(-take.time[0], -base).scaled_to(take.fps, 1.0 / unit), time=float(frame)
+) -> _Draft:
+    values, frames = job.values[row], chain.frames
+    number = {int(f): k for k, f in enumerate(frames)}
+    pins = {number[f]: key for f, key in job.locked[row].items() if f in number}
+    chain = _free_holds(chain, pins)
+    table = key_table(chain, values, score.weight, pins)
+    held = np.array([k in pins for k in range(len(frames))], dtype=np.bool_)
+    origins = span_sources(chain, values, score.weight, shapes)
+    near = np.convolve(score.likely, np.ones(3), mode="same")
+    near[[0, -1]] = 1.0
+    time = job.take.time
+    pieces = []
+    for k, (origin, margin) in enumerate(origins):
+        first, last = int(frames[k]), int(frames[k + 1])
+        kind = KINDS[chain.kinds[k]].name
+        sure = float(min(1.0, near[first], near[last]))
+        piece = Piece(float(time[first]), float(time[last]), kind, confidence=sure, margin=margin)
+        told = {}
+        if origin is not None:
+            height = abs(float(table[k + 1, 1] - table[k, 1])) * float(job.unit[row])
+            told = named(piece, origin, library, height)
+        doubtful = kind != KINDS[HOLD].name and sure < settings.doubt
+        pieces.append(replace(piece, doubtful=doubtful, **told))  # type: ignore[arg-type]
+    return _Draft(table, _corners(table) | held, held, tuple(pieces))
+
+
+def _free_holds(chain: Chain, pins: Mapping[int, Key]) -> Chain:
+    """A hold between locked keys of different values is none."""
+    kinds = chain.kinds.copy()
+    for k in np.flatnonzero(kinds == HOLD).tolist():
+        if k in pins or k + 1 in pins:
+            kinds[k] = 0
+    return Chain(chain.frames, kinds)
+
+
+def _corners(table: Array) -> Flags:
+    """(K,) whether the slopes on both sides of a key differ."""
+    broken = np.zeros(len(table), dtype=np.bool_)
+    inner = slice(1, -1)
+    into = table[inner, 3] * table[inner, 4] - table[inner, 5] * table[inner, 2]
+    size = np.abs(table[inner, 2] * table[inner, 4])
+    broken[inner] = np.abs(into) > 1e-9 * np.maximum(size, 1e-12)
+    return broken
+
+
+def _as_the_paper(
+    job: _Job,
+    library: Library,
+    rig: Rig,
+    settings: MatchSettings,
+    banks: Banks,
+    progress: Callable[[str], None],
+) -> list[_Draft]:
+    """Longest segments first; what nobody claims is deleted."""
+    wanted = PaperSettings(
+        method=settings.method, threshold=settings.tau, word=settings.word,
+        alphabet=settings.alphabet,
+    )  # fmt: skip
+    drafts = []
+    for row, channel in enumerate(job.channels):
+        progress(channel.name)
+        # Offsets and heights are the library's: matching is in the rig's own units.
+        found = claims(
+            job.values[row] * job.unit[row],
+            _entries(job, row, library, rig, banks),
+            float(job.unit[row]),
+            wanted,
+            taken=list(job.locked[row]),
         )
-        for frame, key in job.locked[row].items()
-    }
-    draft, piece_of = assemble(
-        placed, bank, take.fps, job.dense.smooth[row], pinned, settings.method
+        scaled = [_in_units(c, float(job.unit[row])) for c in found]
+        drafts.append(_draft_of_claims(job, row, scaled, library))
+    return drafts
+
+
+def _draft_of_claims(job: _Job, row: int, found: list[Claim], library: Library) -> _Draft:
+    """Claims, locked keys and the gaps between them, end to end."""
+    smooth = job.smooth[row]
+    slope, last = np.gradient(smooth), len(smooth) - 1
+    blocks: list[tuple[Array, Claim | None, bool]] = []  # keys, of which claim, locked
+    for one in found:
+        blocks.append((warp(one, smooth, slope, 1.0), one, False))
+    for frame, key in job.locked[row].items():
+        pinned = np.array([[frame, key.value, *key.in_tangent, *key.out_tangent]])
+        blocks.append((pinned, None, True))
+    for frame in (0, last):
+        if not any(abs(b[0][0, 0] - frame) < 1 or abs(b[0][-1, 0] - frame) < 1 for b in blocks):
+            blocks.append((np.array([[frame, smooth[frame], 0, 0, 0, 0]]), None, False))
+    blocks.sort(key=lambda b: (b[0][0, 0], b[0][-1, 0]))
+    rows: list[Array] = []
+    held: list[bool] = []
+    pieces: list[Piece] = []
+    for keys, claim, pin in blocks:
+        keys = keys.copy()
+        if rows:
+            before = rows[-1]
+            gap = keys[0, 0] - before[0]
+            if gap > 0.5:
+                moves = _bridge(before, keys[0], held[-1], pin, job.values[row], slope)
+                pieces.append(_gap_piece(job, before[0], keys[0, 0], moves))
+            else:  # neighbours share a key
+                keys[0, 2:4] = before[2:4]
+                rows.pop()
+                held.pop()
+        rows += list(keys)
+        held += [pin] * len(keys)
+        if claim is not None:
+            pieces.append(_claim_piece(job, row, claim, keys, library))
+    table = np.array(rows)
+    locked = np.array(held, dtype=np.bool_)
+    untouched = all(c.error < EXACT for c in found) and not any(p.fitted for p in pieces)
+    done = bool(found) and untouched
+    return _Draft(table, _corners(table) | locked, locked, tuple(pieces), done)
+
+
+def _bridge(
+    before: Array, after: Array, first: bool, second: bool, values: Array, slope: Array
+) -> bool:
+    """One span over a gap, its slopes the capture's; a locked key keeps its tangents.
+
+    Returns whether anything moves there.
+    """
+    run = after[0] - before[0]
+    ends = [min(max(round(float(k[0])), 0), len(slope) - 1) for k in (before, after)]
+    moved = float(np.ptp(values[ends[0] : ends[1] + 1]))
+    for key, frame, columns, pin, sign in (
+        (before, ends[0], slice(4, 6), first, 1.0),
+        (after, ends[1], slice(2, 4), second, -1.0),
+    ):
+        if pin:
+            continue
+        steep = float(slope[frame]) if moved > EXACT else 0.0
+        key[columns] = sign * run / 3.0 * np.array([1.0, steep])
+    return moved > EXACT
+
+
+def _gap_piece(job: _Job, first: float, last: float, moves: bool) -> Piece:
+    start, step = float(job.take.time[0]), 1.0 / job.take.fps
+    kind = "gap" if moves else KINDS[HOLD].name
+    return Piece(start + float(first) * step, start + float(last) * step, kind, fitted=moves)
+
+
+def _claim_piece(job: _Job, row: int, claim: Claim, keys: Array, library: Library) -> Piece:
+    same = [claim.entry.segment, *claim.entry.copies]
+    name = job.channels[row].name
+    segment = next((s for s in same if library.examples[s.example].channel == name), same[0])
+    example = library.examples[segment.example]
+    own = example.curve.keys[segment.first : segment.last + 1]
+    there = float(np.ptp(claim.entry.samples))
+    here = float(np.ptp(keys[:, 1])) * float(job.unit[row])
+    start, step = float(job.take.time[0]), 1.0 / job.take.fps
+    return Piece(
+        start=start + float(keys[0, 0]) * step,
+        end=start + float(keys[-1, 0]) * step,
+        kind="segment",
+        shot=example.shot,
+        channel=example.channel,
+        source_start=own[0].time,
+        source_end=own[-1].time,
+        keys=len(keys),
+        stretch=claim.stretch,
+        amplitude=here / there if there > 0 else 1.0,
+        error=claim.error,
+        alike=len(same),
     )
-    table = fit(draft, job.dense.values[row], settings.fidelity, job.dense.weight[row])
+
+
+def _finish(job: _Job, row: int, draft: _Draft, settings: MatchSettings) -> ChannelResult:
+    """Within the range and the bound, then in the rig's units and the take's time."""
+    channel, unit, base = job.channels[row], float(job.unit[row]), float(job.base[row])
+    values, smooth = job.values[row], job.smooth[row]
     lower, upper = (channel.lower - base) / unit, (channel.upper - base) / unit
-    table = within_range(table, draft.join & ~draft.held, draft.held, lower, upper)
-    pieces = explain(
-        placed,
-        table,
-        bank,
-        library,
-        job.dense.values[row],
-        take.fps,
-        take.time[0],
-        others,
-        confidence,
-        settings.least_confidence,
-    )
-    unitless = Curve.from_table(table)
-    error = unitless.evaluate(np.arange(len(take.time), dtype=np.float64)) - job.dense.values[row]
-    scaled = table * np.array([1.0 / take.fps, unit] * 3)
-    scaled[:, 0] += take.time[0]
+    broken, held = draft.broken, draft.held
+    table = draft.table
+    if not draft.finished:
+        table = within_range(table, ~broken, held, lower, upper)
+    if settings.max_error is not None:
+        table, broken, held = bounded(table, broken, held, values, smooth, settings.max_error)
+        table = within_range(table, ~broken, held, lower, upper)
+        table, broken, held = bounded(table, broken, held, values, smooth, settings.max_error)
+    frames = np.arange(len(values), dtype=np.float64)
+    off = Curve.from_table(table).evaluate(frames) - values
+    pieces = tuple(_measured(p, off, job.take) for p in draft.pieces)
+    scaled = table * np.array([1.0 / job.take.fps, unit] * 3)
+    scaled[:, 0] += job.take.time[0]
     scaled[:, 1] += base
-    kinds = [("fixed", "fixed", not joined) for joined in draft.join]
+    kinds = [("fixed", "fixed", bool(b)) for b in broken]
     curve = Curve.from_table(scaled, kinds)  # type: ignore[arg-type]
     keys = list(curve.keys)
-    for k in np.flatnonzero(draft.held):
-        keys[k] = job.locked[row][round(float(table[k, 0]))]
-    curve = replace(curve, keys=tuple(keys))
-    kept = tuple(np.flatnonzero(draft.held).tolist())
-    rms = float(np.sqrt(np.mean(error**2)))
-    return ChannelResult(curve, pieces, piece_of, rms, float(unit), kept)
+    for k in np.flatnonzero(held).tolist():
+        own = job.locked[row][round(float(table[k, 0]))]
+        keys[k] = own.scaled_to(1.0 / job.take.fps, unit).moved(job.take.time[0], base)
+    piece_of = _piece_of([k.time for k in keys], pieces)
+    rms = float(np.sqrt(np.mean(off**2)))
+    return ChannelResult(
+        replace(curve, keys=tuple(keys)), pieces, piece_of, rms, unit,
+        tuple(np.flatnonzero(held).tolist()),
+    )  # fmt: skip
+
+
+def _measured(piece: Piece, off: Array, take: Take) -> Piece:
+    first = math.floor((piece.start - take.time[0]) * take.fps + 0.5)
+    last = math.floor((piece.end - take.time[0]) * take.fps + 0.5)
+    part = off[max(first, 0) : last + 1]
+    return replace(piece, error=float(np.sqrt(np.mean(part**2))) if len(part) else 0.0)
+
+
+def _piece_of(times: list[float], pieces: tuple[Piece, ...]) -> tuple[int, ...]:
+    ends = np.array([p.end for p in pieces])
+    found = np.searchsorted(ends, np.array(times) - 1e-9)
+    return tuple(np.minimum(found, len(pieces) - 1).tolist())

@@ -6,10 +6,12 @@ the animator's keys come back, and how close is the curve to the clean one.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
 from scipy.stats import wasserstein_distance
 
 from physretarget.face.curve import Curve
@@ -58,6 +60,40 @@ def pseudo_capture(
     late = rng.uniform(-jitter, jitter, count) / fps
     noisy = curve.evaluate(time + late) + rng.normal(0.0, noise * np.ptp(clean), count)
     return clean, noisy
+
+
+def pseudo_take(
+    curves: Sequence[Curve],
+    fps: float,
+    rng: np.random.Generator,
+    *,
+    noise: float = 0.01,
+    jitter: float = 1.0,
+    smooth: float = 0.0,
+) -> tuple[Array, Array, float]:
+    """One capture of curves that were drawn together, from the first key to the last of all.
+
+    Args:
+        curves: the clean curves on one clock.
+        fps: frame rate.
+        rng: source of randomness.
+        noise: standard deviation, as a fraction of each curve's range.
+        jitter: each frame is taken up to so many frames early or late, for all channels alike.
+        smooth: standard deviation, in frames, of a Gaussian that the capture then goes through.
+
+    Returns:
+        Clean and noisy values (C, T), and the time of the first frame.
+    """
+    start, end = min(c.start for c in curves), max(c.end for c in curves)
+    count = max(2, int(np.floor((end - start) * fps + 0.5)) + 1)
+    time = start + np.arange(count) / fps
+    late = time + rng.uniform(-jitter, jitter, count) / fps
+    clean = np.stack([c.evaluate(time) for c in curves])
+    spread = noise * np.ptp(clean, axis=1, keepdims=True)
+    noisy = np.stack([c.evaluate(late) for c in curves]) + spread * rng.normal(size=clean.shape)
+    if smooth > 0:
+        noisy = gaussian_filter1d(noisy, smooth, axis=1, mode="nearest")
+    return clean, noisy, start
 
 
 def extrema(values: Array, least: float) -> NDArray[np.intp]:

@@ -1,8 +1,9 @@
 """The strongest test that needs no pairing: are an unseen animator's keys found again?
 
-Shots are held out of the library, with every copy of their curves in other shots; their curves
-become pseudo-captures (noise, time jitter); each is matched and compared with the keys that the
-animator set, side by side with plain reducers at the same number of keys.
+Files are held out of the library, with every copy of their curves in other files. A whole file
+becomes one pseudo-capture (noise, and one time jitter a frame for all its channels), is matched,
+and compared with the keys that the animator set, side by side with plain reducers at the same
+number of keys.
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ from numpy.typing import NDArray
 from physretarget.face.curve import Curve
 from physretarget.face.library import Example, Library
 from physretarget.face.match import Banks, ChannelResult, MatchSettings, match
-from physretarget.face.measure import Style, distances, key_f1, pseudo_capture, style
-from physretarget.face.reduce import decimate, schneider
+from physretarget.face.measure import Style, distances, key_f1, pseudo_take, style
+from physretarget.face.reduce import REDUCERS, reduce_curve
 from physretarget.face.rig import Rig, RigChannel
 from physretarget.face.shot import Take
 
@@ -99,55 +100,50 @@ def recover(
     fps: float = 60.0,
     noise: float = 0.01,
     jitter: float = 1.0,
+    smooth: float = 0.0,
     tolerance: float = 1.0,
     seed: int = 0,
-    together: bool = False,
 ) -> tuple[Recovery, ...]:
-    """Matcher, decimation and Schneider's fit at the matcher's number of keys, curve by curve.
+    """The matcher, and plain reducers at the matcher's number of keys, curve by curve.
 
-    together: curves of one layer with the same extent (a position's axes) are one take, so that
-    joint placement has something to join; curves without such companions are then left out.
+    smooth: standard deviation, in frames, of a Gaussian that the capture has been through.
     """
-    banks: Banks = {}
-    scores = {name: _Scores() for name in (settings.method, "decimate", "schneider")}
-    for members in _takes(examples, together):
-        columns = [
-            pseudo_capture(
-                examples[k].curve, fps, np.random.default_rng([seed, k]), noise=noise, jitter=jitter
-            )
-            for k in members
-        ]
-        values = np.stack([noisy for _, noisy in columns], axis=1)
-        names = tuple(f"c{k}" for k in members)
-        take = Take("held out", np.arange(len(values)) / fps, names, values)
+    banks = Banks()
+    scores = {name: _Scores() for name in ("match", *REDUCERS)}
+    for number, members in enumerate(files(examples)):
+        rng = np.random.default_rng([seed, number])
+        curves = [e.curve for e in members]
+        clean, noisy, start = pseudo_take(
+            curves, fps, rng, noise=noise, jitter=jitter, smooth=smooth
+        )
+        names = tuple(f"c{k}" for k in range(len(members)))
+        time = np.arange(noisy.shape[1]) / fps
+        take = Take("held out", time, names, noisy.T)
         channels = tuple(
             RigChannel(name, "other", float(v.min()), float(v.max()) + 1e-12, {name: 1.0})
-            for name, v in zip(names, values.T, strict=True)
+            for name, v in zip(names, noisy, strict=True)
         )
         result = match(take, library, Rig("held out", channels), settings, banks=banks)
-        for k, name, (clean, noisy) in zip(members, names, columns, strict=True):
-            true = (examples[k].curve.time - examples[k].curve.start) * fps
+        for name, curve, one, rough in zip(names, curves, clean, noisy, strict=True):
+            true = (curve.time - start) * fps
             found = result.channels[name]
             count = len(found.curve.keys)
-            outputs = (found.curve, decimate(noisy, fps, keys=count),
-                       schneider(noisy, fps, keys=count))  # fmt: skip
+            outputs = [found.curve]
+            outputs += [reduce_curve(rough, fps, how, keys=count) for how in REDUCERS]
             for score, output in zip(scores.values(), outputs, strict=True):
-                score.rows.append(_scores(output, true, clean, take.time, fps, tolerance))
+                score.rows.append(_scores(output, true, one, time, fps, tolerance))
                 score.curves.append(output)
-            scores[settings.method].pieces += _right(found, true / fps, tolerance / fps)
+            scores["match"].pieces += _right(found, true / fps, tolerance / fps)
     reference = style([e.curve for e in examples])
     return tuple(_mean(name, score, reference) for name, score in scores.items())
 
 
-def _takes(examples: Sequence[Example], together: bool) -> list[list[int]]:
-    if not together:
-        return [[k] for k in range(len(examples))]
-    groups: dict[tuple[str, str, float, float], list[int]] = {}
-    for k, e in enumerate(examples):
-        layer = e.channel.rpartition(".")[0]
-        key = (e.shot, layer, round(e.curve.start, 4), round(e.curve.end, 4))
-        groups.setdefault(key, []).append(k)
-    return [members for members in groups.values() if len(members) > 1]
+def files(examples: Sequence[Example]) -> list[list[Example]]:
+    """Examples by the file that they come from: what was drawn together is one take."""
+    found: dict[str, list[Example]] = {}
+    for example in examples:
+        found.setdefault(example.sha256 or example.shot, []).append(example)
+    return list(found.values())
 
 
 def _right(found: ChannelResult, true: Array, tolerance: float) -> list[tuple[bool, bool]]:

@@ -2,13 +2,15 @@
 
 Decimation works as Blender's: every frame starts as a key, and the key whose removal costs the
 least error goes first, its neighbours' span refitted by one cubic. Fitting is Schneider's (1990):
-one cubic per stretch, split where it is worst.
+one cubic per stretch, split where it is worst. Ramer, Douglas and Peucker's (1972, 1973) adds the
+frame farthest from the polyline first; tangents are refitted to the samples afterwards.
 """
 
 from __future__ import annotations
 
 import heapq
 from itertools import pairwise
+from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +20,7 @@ from physretarget.face.curve import Curve, Key
 from physretarget.options.facial import Reducer
 
 Array = NDArray[np.float64]
+REDUCERS: tuple[Reducer, ...] = get_args(Reducer)
 
 
 def _slopes(values: Array) -> Array:
@@ -149,6 +152,45 @@ def schneider(
     return _curve(samples, sorted(frames), slopes, fps, start)
 
 
+def rdp(
+    values: Array,
+    fps: float,
+    *,
+    error: float | None = None,
+    keys: int | None = None,
+    start: float = 0.0,
+) -> Curve:
+    """Best-first Ramer-Douglas-Peucker, to a distance from the polyline or a key count."""
+    samples = _check(values, fps)
+    last = len(samples) - 1
+    if last == 0:
+        return Curve((Key(start, float(samples[0])),))
+    frames = [0, last]
+    limit = 0.0 if error is None else error
+    most = len(samples) if keys is None else max(2, keys)
+    spans = [(*_farthest(samples, 0, last), 0, last)]
+    while spans and len(frames) < most:
+        nearness, k, i, j = heapq.heappop(spans)
+        if -nearness <= limit and keys is None:
+            break
+        if j - i < 2:
+            continue
+        frames.append(k)
+        for a, b in ((i, k), (k, j)):
+            heapq.heappush(spans, (*_farthest(samples, a, b), a, b))
+    return _curve(samples, sorted(frames), _slopes(samples), fps, start)
+
+
+def _farthest(values: Array, i: int, j: int) -> tuple[float, int]:
+    """Least distance below zero, and the frame, between i and j farthest from the straight line."""
+    if j - i < 2:
+        return 0.0, i
+    line = np.linspace(values[i], values[j], j - i + 1)
+    away = np.abs(values[i : j + 1] - line)
+    k = int(away.argmax())
+    return -float(away[k]), i + k if 0 < k < j - i else i + 1
+
+
 def _worst_frame(values: Array, i: int, j: int, slopes: Array) -> int:
     _, _, m0, m1 = _span(values, i, j, slopes)
     n = j - i
@@ -168,7 +210,7 @@ def reduce_curve(
     keys: int | None = None,
     start: float = 0.0,
 ) -> Curve:
-    """Reduce dense samples by one of the two ways.
+    """Reduce dense samples by one of the three ways.
 
     Raises InputError for samples that cannot be reduced, UsageError for an error below zero or a
     count below two.
@@ -177,5 +219,5 @@ def reduce_curve(
         raise UsageError(f"error is {error:g}; it must be zero or above.")
     if keys is not None and keys < 2:
         raise UsageError(f"keys is {keys}; a curve needs two at least.")
-    reducer = {"decimate": decimate, "schneider": schneider}[how]
+    reducer = {"decimate": decimate, "schneider": schneider, "rdp": rdp}[how]
     return reducer(values, fps, error=error, keys=keys, start=start)

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
 from os import PathLike
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,21 +20,19 @@ from numpy.typing import NDArray
 from physretarget import __version__, assets
 from physretarget.errors import InputError
 from physretarget.face.curve import Curve
-from physretarget.face.explain import Piece
 from physretarget.face.library import Library
 from physretarget.face.match import Result
 from physretarget.face.measure import turning_point_timing
-from physretarget.face.reduce import reduce_curve
+from physretarget.face.reduce import REDUCERS, reduce_curve
 from physretarget.face.rig import Rig
+from physretarget.face.sources import Piece
 from physretarget.files import write_file
-from physretarget.options.facial import Reducer
 
 Array = NDArray[np.float64]
-SpanKind = Literal["matched", "fitted", "locked", "reduced"]
-"""matched: borrowed from a shot; fitted: a gap that no segment was good enough for, closed with the
-nearest; locked: the animator's own keys, kept; reduced: made by plain key reduction."""
-
-REDUCERS: tuple[Reducer, ...] = get_args(Reducer)
+SpanKind = Literal["matched", "plain", "rest", "fitted", "locked", "reduced"]
+"""matched: a past shot explains it better than any ease; plain: an ease does as well; rest: nothing
+moves; fitted: a gap between borrowed segments; locked: the animator's own keys, kept; reduced: made
+by plain key reduction."""
 
 
 @dataclass(frozen=True)
@@ -42,10 +40,10 @@ class Origin:
     """Where a span's shape comes from.
 
     start, end: seconds in the shot. scale, amplitude: result over example in time and in height.
-    error: root mean square misfit as a fraction of what the channel moves. margin: by how much the
-    runner-up, another shape of the shot named, is dearer, in prices of a key; None where there was
-    none. confidence: share of near-best placements that cut here too. alike: how many segments of
-    the library share the shape. example: the borrowed keys themselves.
+    error: root mean square misfit as a fraction of what the channel moves. margin: by how many nats
+    the shape is likelier than an ease; None where it was not weighed. confidence: probability of
+    keys within a frame of both ends. alike: how many segments of the library share the shape.
+    example: the borrowed keys themselves. what: what the curve does.
     """
 
     shot: str
@@ -58,7 +56,7 @@ class Origin:
     margin: float | None = None
     alike: int = 1
     example: Curve | None = None
-    runner_up: str = ""
+    what: str = ""
     confidence: float | None = None
 
 
@@ -118,13 +116,19 @@ def take_report(
     The library lets the page draw the borrowed keys. ``baselines=False`` saves their time.
     """
     settings = result.settings
+    method = (
+        f"{settings.preset}, {settings.method}, tau {settings.tau:g}"
+        if settings.preset
+        else f"fidelity {settings.fidelity:g}, key cost {settings.key_cost:g}"
+    )
+    own = settings.method if settings.preset else "match"
     examples = {(e.shot, e.channel): e.curve for e in library.examples} if library else {}
     places = {c.name: c for c in rig.channels}
     time = result.take.time
     channels, scores = [], dict[str, list[tuple[int, float, float]]]()
     for name, found in result.channels.items():
         capture = result.take.channel(name)
-        outputs: dict[str, Curve] = {settings.method: found.curve}
+        outputs: dict[str, Curve] = {own: found.curve}
         if baselines:
             count = len(found.curve.keys)
             for how in REDUCERS:
@@ -133,7 +137,7 @@ def take_report(
                 )
         for label, curve in outputs.items():
             scores.setdefault(label, []).append(_scores(curve, capture, time, found.unit))
-        timing = scores[settings.method][-1][2]
+        timing = scores[own][-1][2]
         spans = tuple(_source(piece, examples) for piece in found.pieces)
         where = places[name]
         channels.append(
@@ -143,18 +147,14 @@ def take_report(
             )
         )  # fmt: skip
     flagged = sum(span.low for c in channels for span in c.spans)
-    method = (
-        f"{settings.method} matching, {settings.placement} placement, "
-        f"fidelity {settings.fidelity:g}, key cost {settings.key_cost:g}"
-    )
     comparison = [("same number of keys", "keys", "error (RMS)", "turning points off by")]
     comparison += [(label, *_row(rows)) for label, rows in scores.items()]
     figures = {
         "channels": str(len(channels)),
         "keys": f"{result.keys}",
         "fewer than the capture": f"{100 * result.reduction:.1f} %",
-        "error (RMS)": _row(scores.get(settings.method, []))[1],
-        "turning points off by": _row(scores.get(settings.method, []))[2],
+        "error (RMS)": _row(scores.get(own, []))[1],
+        "turning points off by": _row(scores.get(own, []))[2],
         "doubtful spans": str(flagged),
     }
     return TakeReport(
@@ -185,11 +185,12 @@ def _source(piece: Piece, examples: Mapping[tuple[str, str], Curve]) -> SourceSp
         curve = Curve(tuple(near)) if len(near) > 1 else None
     origin = Origin(
         piece.shot, piece.channel, piece.source_start, piece.source_end, piece.stretch,
-        piece.amplitude, piece.error, piece.margin if piece.runner_up else None, piece.alike, curve,
-        piece.runner_up, piece.confidence,
+        piece.amplitude, piece.error, piece.margin if piece.shot else None, piece.alike, curve,
+        piece.kind, piece.confidence,
     )  # fmt: skip
-    kind: SpanKind = "fitted" if piece.fitted else "matched"
-    return SourceSpan(piece.start, piece.end, kind, origin, piece.doubtful)
+    kind: SpanKind = "matched" if piece.shot else "rest" if piece.kind == "hold" else "plain"
+    shown: SpanKind = "fitted" if piece.fitted else kind
+    return SourceSpan(piece.start, piece.end, shown, origin, piece.doubtful)
 
 
 def write_report(path: str | PathLike[str], report: TakeReport) -> None:
@@ -290,7 +291,7 @@ def _span(span: SourceSpan) -> dict[str, Any]:
             "error": round(origin.error, 6),
             "margin": None if origin.margin is None else round(origin.margin, 6),
             "alike": origin.alike,
-            "runner_up": origin.runner_up,
+            "what": origin.what,
             "confidence": None if origin.confidence is None else round(origin.confidence, 4),
         }
         if origin.example is not None:

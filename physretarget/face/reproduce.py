@@ -27,25 +27,25 @@ from physretarget.face.match import Banks, MatchSettings, Result, match
 from physretarget.face.measure import Style, distances, style, turning_point_timing
 from physretarget.face.parts import Parts
 from physretarget.face.recover import Recovery, hold_out, recover, test_files
-from physretarget.face.reduce import reduce_curve
-from physretarget.face.report import REDUCERS
+from physretarget.face.reduce import REDUCERS, reduce_curve
 from physretarget.face.rig import Rig
 from physretarget.face.shot import Take
-from physretarget.options.facial import METHODS, Placement
 
 Array = NDArray[np.float64]
-PLACEMENTS: tuple[Placement, ...] = ("greedy", "optimal", "joint")
-RATES = (60.0, 30.0)
-VARIANTS: dict[str, dict[str, Any]] = {
-    "as shipped": {},
-    "no cheaper cuts at turning points": {"turns": 0.0},
-    "cheaper cuts at rests too": {"rests": 0.25},
-    "all frames trusted alike": {"trust": False},
-    "phrases too": {"phrases": True},
-    "phrases, only their middle stretched": {"phrases": True, "stretch": "middle"},
-    "greedy placement": {"placement": "greedy"},
+WAYS: dict[str, dict[str, Any]] = {
+    "default": {},
+    "ruhland2017 distance": {"preset": "ruhland2017", "method": "distance"},
+    "ruhland2017 sax": {"preset": "ruhland2017", "method": "sax"},
+    "ruhland2017 hmm": {"preset": "ruhland2017", "method": "hmm"},
 }
-"""What is left out or added, each alone, in the measure on held-out curves."""
+"""The default and the paper as written, with each of its three matchers."""
+RATES = (60.0, 30.0, 24.0)
+VARIANTS: dict[str, dict[str, Any]] = {
+    "1 % noise": {},
+    "3 % noise": {"noise": 0.03},
+    "1 % noise, smoothed": {"smooth": 1.0},
+}
+"""What the default is asked, each on held-out curves at 30 Hz."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +74,6 @@ class Row:
     """
 
     name: str
-    placement: str
     keys: float
     spread: float
     error: float
@@ -117,7 +116,7 @@ class Reproduction:
     def to_json(self) -> dict[str, Any]:
         """Plain data, without the example take."""
         return {
-            "schema": "physretarget/ruhland2017/2",
+            "schema": "physretarget/ruhland2017/3",
             "inputs": [{"path": p, "sha256": h} for p, h in self.inputs],
             "takes": self.takes,
             "channels_per_take": self.channels,
@@ -208,34 +207,31 @@ def cuts(take: Take, settings: ReproduceSettings) -> Iterator[Take]:
 
 def _figure_3(takes: list[Take], library: Library, kept: Parts) -> list[Row]:
     reference = style([e.curve for e in library.examples])
-    banks: Banks = {}
-    tallies: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    banks = Banks()
+    tallies: dict[str, list[dict[str, Any]]] = {}
     for number, take in enumerate(takes, 1):
-        for placement in PLACEMENTS:
-            for method in METHODS:
-                wanted = MatchSettings(method=method, placement=placement)
-                found = kept.get(
-                    f"take {number} of {len(takes)}, {method}, {placement}",
-                    lambda t=take, w=wanted: _count(t, library, w, banks),  # type: ignore[misc]
-                )
-                for name, tally in found.items():
-                    tallies.setdefault((name, placement), []).append(tally)
-    return [_row(name, place, parts, reference) for (name, place), parts in tallies.items()]
+        for way, options in WAYS.items():
+            wanted = MatchSettings(**options)
+            found = kept.get(
+                f"take {number} of {len(takes)}, {way}",
+                lambda t=take, n=way, w=wanted: _count(t, library, n, w, banks),  # type: ignore[misc]
+            )
+            for name, tally in found.items():
+                tallies.setdefault(name, []).append(tally)
+    return [_row(name, parts, reference) for name, parts in tallies.items()]
 
 
 def _count(
-    take: Take, library: Library, settings: MatchSettings, banks: Banks
+    take: Take, library: Library, way: str, settings: MatchSettings, banks: Banks
 ) -> dict[str, dict[str, Any]]:
     """The matcher, and each reducer at the matcher's number of keys, channel by channel."""
     began = clock.process_time()
     result = match(take, library, Rig.of(take), settings, banks=banks)
-    spent: dict[str, float] = {settings.method: clock.process_time() - began}
-    curves: dict[str, dict[str, Curve]] = {
-        settings.method: {n: c.curve for n, c in result.channels.items()}
-    }
+    spent: dict[str, float] = {way: clock.process_time() - began}
+    curves: dict[str, dict[str, Curve]] = {way: {n: c.curve for n, c in result.channels.items()}}
     for how in REDUCERS:
         began = clock.process_time()
-        label = f"{how} at {settings.method}'s count"
+        label = f"{how} at {way}'s count"
         curves[label] = {
             name: reduce_curve(take.channel(name), take.fps, how, keys=len(c.curve.keys))
             for name, c in result.channels.items()
@@ -262,7 +258,7 @@ def _count(
     return found
 
 
-def _row(name: str, placement: str, parts: list[dict[str, Any]], reference: Style) -> Row:
+def _row(name: str, parts: list[dict[str, Any]], reference: Style) -> Row:
     keys = [k for p in parts for k in p["keys"]]
     off, hits, count = np.array([t for p in parts for t in p["timing"]]).sum(axis=0)
 
@@ -276,7 +272,6 @@ def _row(name: str, placement: str, parts: list[dict[str, Any]], reference: Styl
     keyed = Style(joined("spacing"), joined("handles"), joined("slopes"), 0.0, 0.0)
     return Row(
         name,
-        placement,
         float(np.mean(keys)),
         float(np.std(keys)),
         float(np.mean([e for p in parts for e in p["error"]])),
@@ -295,7 +290,7 @@ def _animator(library: Library) -> Row:
     found = style(curves)
     rates = [4.0 * (len(c.keys) - 1) / (c.end - c.start) for c in curves]
     return Row(
-        "the library's animators", "", float(np.mean(rates)), float(np.std(rates)), 0.0, 0.0, 0.0,
+        "the library's animators", float(np.mean(rates)), float(np.std(rates)), 0.0, 0.0, 0.0,
         0.0, 0.0, 0.0, found.flat_share, found.hold_share, 0.0,
     )  # fmt: skip
 
@@ -320,22 +315,18 @@ def _recovery(
             both = Library(rest.examples + other.examples)
             questions.append((name, *hold_out(both, sorted({e.shot for e in other.examples}))))
     recovery = [
-        _ask(kept, name, known, _some(wanted, settings.curves), fps, method, {"method": method})
+        _ask(kept, name, known, _some(wanted, settings.curves), fps, way, options)
         for name, known, wanted in questions
         if wanted
         for fps in RATES
-        for method in METHODS
+        for way, options in WAYS.items()
     ]
     few = _some(asked, settings.variants)
     variants = [
-        _ask(kept, main, rest, few, 30.0, variant, changes)
+        _ask(kept, main, rest, few, 30.0, variant, {}, **changes)
         for variant, changes in VARIANTS.items()
         if few
     ]
-    for placement in ("optimal", "joint") if asked else ():
-        what = f"axes of one position together, {placement} placement"
-        changes = {"placement": placement, "together": True}
-        variants.append(_ask(kept, main, rest, asked, 30.0, what, changes))
     return tuple(recovery), tuple(variants), tested
 
 
@@ -353,16 +344,16 @@ def _ask(
     examples: tuple[Example, ...],
     fps: float,
     variant: str,
-    changes: dict[str, Any],
+    options: dict[str, Any],
+    noise: float = 0.01,
+    smooth: float = 0.0,
 ) -> Asked:
-    options = dict(changes)
-    together = bool(options.pop("together", False))
     rows = kept.get(
         f"{len(examples)} held-out curves of {name} at {fps:g} Hz: {variant}",
         lambda: [
             asdict(row)
             for row in recover(
-                library, examples, MatchSettings(**options), fps=fps, together=together
+                library, examples, MatchSettings(**options), fps=fps, noise=noise, smooth=smooth
             )
         ],
     )

@@ -77,18 +77,6 @@ def words(rows: Array, word: int, alphabet: int) -> Words:
     return np.searchsorted(breakpoints(alphabet), means).astype(np.int8)
 
 
-def quick_words(rows: NDArray[np.float32], word: int, alphabet: int) -> Words:
-    """Words of many windows in single precision: averaged first, then normalised."""
-    n = rows.shape[-1]
-    means = rows @ _paa_weights(n, word).astype(np.float32)
-    mean = rows.mean(axis=-1, keepdims=True)
-    spread = np.sqrt(np.maximum(np.einsum("rn,rn->r", rows, rows)[:, None] / n - mean**2, 0.0))
-    flat = spread <= 1e-6 * np.abs(mean) + 1e-12
-    z = np.where(flat, np.float32(0.0), (means - mean) / np.where(flat, np.float32(1.0), spread))
-    cuts = breakpoints(alphabet).astype(np.float32)
-    return np.searchsorted(cuts, z).astype(np.int8)
-
-
 def mindist(one: Words, other: Words, samples: int, alphabet: int) -> Array:
     """(A, B) MINDIST of words (A, w) and (B, w) of windows of so many samples."""
     squared = squared_gaps(one, other, alphabet).astype(np.float64)

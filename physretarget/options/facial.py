@@ -9,8 +9,8 @@ from typing import Literal, get_args
 from physretarget.options.declaration import check, option
 
 Method = Literal["distance", "sax", "hmm"]
-Placement = Literal["optimal", "greedy", "joint"]
-Reducer = Literal["decimate", "schneider"]
+Preset = Literal["ruhland2017"]
+Reducer = Literal["decimate", "schneider", "rdp"]
 METHODS: tuple[Method, ...] = get_args(Method)
 LARGEST_ERROR = 0.02  # of what a channel moves
 
@@ -26,15 +26,30 @@ class ChannelOptions:
 class MatchOptions(ChannelOptions):
     """The animator's two sliders and what else can be chosen."""
 
-    method: Method = option("distance", help="Measure of likeness.")
+    method: Method = option("distance", help="Measure of likeness, for --preset.")
     fidelity: float = option(
-        0.01, help="Misfit worth one unit of price, as a share of what a channel moves.", above=0
+        0.01, help="Deviation never worth a key, as a share of what a channel moves.", above=0
     )
-    key_cost: float = option(12.0, help="Price of a key: higher is sparser.", above=0)
-    placement: Placement = option(
-        "optimal",
-        help="The cheapest cover; the paper's, longest first; or one for a group of channels.",
+    key_cost: float = option(7.0, help="Price of a key, in nats: higher is sparser.", above=0)
+    max_error: float | None = option(
+        None,
+        help="Largest deviation from the capture at any frame, as a share of what a channel moves; "
+        "kept by adding keys.",
+        above=0,
+        default_text="none",
     )
+    preset: Preset | None = option(
+        None,
+        help="The paper as written: segments of past curves, longest first, by --method.",
+        default_text="none",
+    )
+    tau: float = option(
+        0.05,
+        help="Of the preset: largest misfit of a segment, as a share of what a channel moves.",
+        above=0,
+    )
+    word: int = option(8, help="Of SAX: symbols in a word.", least=2)
+    alphabet: int = option(8, help="Of SAX: different symbols, 3 to 10.", least=3, most=10)
 
     def __post_init__(self) -> None:
         check(self)

@@ -41,14 +41,23 @@ def matched(run, place):
 
 
 def test_a_sound_match_with_a_report(matched, place) -> None:
-    done = matched(None, "--report", place / "report", "--method", "hmm")
+    done = matched(None, "--report", place / "report", "--max-error", 0.03)
     assert done.code == 0, done.err
     assert "keys" in done.err
     (shot,) = read_shots(place / "out.curves.json")
     assert 2 <= len(shot.curves["BrowInnerUp"].keys) < 20
     told = json.loads((place / "report" / "report.json").read_text())
-    assert told["channels"]["BrowInnerUp"]["pieces"][0]["shot"].startswith("shot")
+    assert told["channels"]["BrowInnerUp"]["pieces"][0]["kind"] in ("ease", "decelerate")
+    assert told["settings"]["max_error"] == 0.03
     assert "<html" in (place / "report" / "index.html").read_text()
+
+
+@pytest.mark.parametrize("method", ["distance", "sax", "hmm"])
+def test_the_paper_as_written(matched, place, method) -> None:
+    done = matched(None, "--preset", "ruhland2017", "--method", method, "--tau", 0.1)
+    assert done.code == 0, done.err
+    (shot,) = read_shots(place / "out.curves.json")
+    assert 2 <= len(shot.curves["BrowInnerUp"].keys) < 40
 
 
 @pytest.mark.parametrize(

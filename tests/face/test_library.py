@@ -9,7 +9,7 @@ from physretarget.face.formats import write_json
 from physretarget.face.library import Library, LibrarySettings, halves
 from physretarget.face.recover import hold_out
 from physretarget.face.shot import Shot
-from physretarget.face.templates import make_bank
+from physretarget.face.sources import Shapes
 
 
 def wave(count=9, seed=0):
@@ -27,7 +27,7 @@ def test_halving_shares_the_median_key():
 
 
 def test_segments_are_longest_first_and_rebased():
-    library = Library.of([Shot("a", {"x": wave()})], LibrarySettings(longest_run=1))
+    library = Library.of([Shot("a", {"x": wave()})], LibrarySettings())
     durations = [library.duration(s) for s in library.segments]
     assert durations == [2.0, 1.0, 1.0]
     last = library.curve(library.segments[-1])
@@ -87,19 +87,17 @@ def test_incremental_build_reads_only_what_changed(tmp_path, monkeypatch):
         Library.build([tmp_path / "empty"])
 
 
-def test_alike_spans_are_one_template_with_all_origins():
+def test_alike_spans_are_one_shape():
     ease = [
         Key(0, 0, out_tangent=(1 / 3, 0)),
-        Key(1, 2, (-1 / 3, 0), (0.3, 0)),
-        Key(2, -1, (-0.3, 0)),
+        Key(1, 2, (-1 / 3, 0), (1 / 3, 0)),
+        Key(2, -1, (-1 / 3, 0)),
     ]
     library = Library.of([Shot("a", {"x": Curve(tuple(ease))})])
-    bank = make_bank(library)
-    assert sum(len(t.segments) for t in bank.spans) == 2
-    assert len(bank.spans) == 1
-    assert len(bank.phrases) == 1
-    shape = bank.span_shapes(10)[0]
-    assert shape[[0, 5, 10]] == pytest.approx([0, 0.5, 1], abs=1e-3)
+    shapes = Shapes.of(library, lambda name: True)
+    assert [o.alike for o in shapes.origins] == [2]
+    assert shapes.at(10)[0, [0, 5, 10]] == pytest.approx([0, 0.5, 1], abs=1e-3)
+    assert shapes.chance == 0.0
 
 
 def test_holding_out_leaves_no_copy_behind():

@@ -1,13 +1,14 @@
-"""Noise read off a capture, and what it does to the weight of its frames."""
+"""Noise read off a capture; turning points."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter1d
 
 from physretarget.face.curve import Curve
 from physretarget.face.measure import pseudo_capture, turning_point_timing, turning_points
-from physretarget.face.noise import measure_noise, reliability, smoothed
+from physretarget.face.noise import noise_level, smoothed
 
 
 def moving(seconds=40.0):
@@ -17,29 +18,29 @@ def moving(seconds=40.0):
 
 
 @pytest.mark.parametrize("fps", [30.0, 60.0])
-def test_both_parts_are_found_again(fps):
-    curve = moving()
+@pytest.mark.parametrize("noise", [0.01, 0.03])
+@pytest.mark.parametrize("jitter", [0.0, 0.8])
+def test_steady_noise_is_found_again_beside_jitter(fps, noise, jitter):
     rng = np.random.default_rng(0)
-    _, noisy = pseudo_capture(curve, fps, rng, noise=0.01, jitter=0.8)
-    found = measure_noise(noisy, smoothed(noisy[None], fps)[0], fps)
-    assert found.jitter == pytest.approx(0.8 / np.sqrt(3), rel=0.35)
-    assert found.steady == pytest.approx(0.01, rel=0.5)
+    _, noisy = pseudo_capture(moving(), fps, rng, noise=noise, jitter=jitter)
+    found = noise_level(noisy[None], smoothed(noisy[None], fps), fps, jitter**2 / 3)
+    assert found[0] == pytest.approx(noise, rel=0.45)
 
 
-def test_steady_noise_is_not_taken_for_jitter():
-    rng = np.random.default_rng(0)
-    _, noisy = pseudo_capture(moving(), 60, rng, noise=0.01, jitter=0.0)
-    assert measure_noise(noisy, smoothed(noisy[None], 60)[0], 60).jitter < 0.15
+@pytest.mark.parametrize("width", [1.0, 1.5])
+def test_smoothing_does_not_hide_the_noise(width):
+    rng = np.random.default_rng(1)
+    rough = rng.normal(0, 0.02, (4, 600))
+    found = [
+        noise_level(v, smoothed(v, 30.0), 30.0)
+        for v in (rough, gaussian_filter1d(rough, width, axis=1))
+    ]
+    assert found[0] == pytest.approx(np.full(4, 0.02), rel=0.3)
+    assert found[1] == pytest.approx(np.full(4, 0.02), rel=0.55)  # a third is left per frame
 
 
-def test_fast_frames_count_less_and_rest_counts_fully():
-    values = np.concatenate([np.zeros(40), np.linspace(0, 1, 10), np.ones(40)])
-    noise = measure_noise(values, values, 30)
-    assert (noise.steady, noise.jitter) == (0, 0)
-    weight = reliability(values, type(noise)(0.0, 0.5), 0.01)
-    assert weight[:30] == pytest.approx(np.ones(30))
-    assert weight[45] < 0.1
-    assert measure_noise(values[:9], values[:9], 30).jitter == 0
+def test_short_takes_have_no_noise_to_measure():
+    assert noise_level(np.zeros((2, 6)), np.zeros((2, 6)), 30.0).tolist() == [0.0, 0.0]
 
 
 def test_plateaus_are_one_turning_point():

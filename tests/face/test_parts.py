@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from physretarget.errors import InputError, UsageError
 from physretarget.face.curve import Curve
 from physretarget.face.measure import extrema, extremum_timing, key_f1, style
-from physretarget.face.place import cheapest_through, lengths, shortest_path
 from physretarget.face.reduce import decimate, reduce_curve, schneider
 from physretarget.face.rig import Rig, guess_group
 from physretarget.face.shot import Take
+from physretarget.face.spans import lengths
 
 RIG = """
 name = "girl"
@@ -89,46 +85,12 @@ def test_groups_of_arkit_names():
     ]
 
 
-@settings(max_examples=40, deadline=None)
-@given(st.integers(0, 2**32 - 1), st.integers(3, 8))
-def test_shortest_path_equals_enumeration(seed, frames):
-    rng = np.random.default_rng(seed)
-    spans = np.array(sorted({1, 2, frames - 1}))
-    cost = rng.uniform(size=(2, frames, len(spans))).astype(np.float32)
-    for c, path in enumerate(shortest_path(cost, spans)):
-        best = np.inf
-        for count in range(1, frames):
-            for chain in itertools.product(range(len(spans)), repeat=count):
-                ends = np.cumsum(spans[list(chain)])
-                if ends[-1] == frames - 1:
-                    best = min(best, sum(cost[c, e, x] for e, x in zip(ends, chain, strict=True)))
-        assert sum(cost[c, j, x] for j, x in path) == pytest.approx(best, rel=1e-5)
-        assert path[-1][0] == frames - 1
-
-
-@settings(max_examples=30, deadline=None)
-@given(st.integers(0, 2**32 - 1), st.integers(3, 8))
-def test_the_cheapest_chain_through_every_edge(seed, frames):
-    spans = np.array(sorted({1, 2, frames - 1}))
-    cost = np.random.default_rng(seed).uniform(size=(1, frames, len(spans))).astype(np.float32)
-    for index, n in enumerate(spans):
-        cost[:, :n, index] = np.inf
-    best = np.full(cost.shape[1:], np.inf)
-    for count in range(1, frames):
-        for chain in itertools.product(range(len(spans)), repeat=count):
-            ends = np.cumsum(spans[list(chain)])
-            if ends[-1] == frames - 1:
-                total = sum(cost[0, e, x] for e, x in zip(ends, chain, strict=True))
-                for e, x in zip(ends, chain, strict=True):
-                    best[e, x] = min(best[e, x], total)
-    assert cheapest_through(cost, spans)[0] == pytest.approx(best, rel=1e-5)
-
-
 def test_lengths_reach_the_whole_take():
     assert lengths(2, 30, 4).tolist() == [1]
     assert lengths(61, 30, 4)[-1] == 60
     assert lengths(5000, 60, 4)[-1] == 240
     assert (np.diff(lengths(5000, 60, 4)) > 0).all()
+    assert np.diff(lengths(5000, 30, 10))[:58].tolist() == [1] * 58
 
 
 @pytest.mark.parametrize("reducer", [decimate, schneider])

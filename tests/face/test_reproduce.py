@@ -10,7 +10,7 @@ import pytest
 from physretarget.errors import InputError
 from physretarget.face.curve import Curve
 from physretarget.face.formats import write_csv, write_json
-from physretarget.face.reproduce import ReproduceSettings, cuts, reproduce
+from physretarget.face.reproduce import WAYS, ReproduceSettings, cuts, reproduce
 from physretarget.face.reproduce_page import PAPER_KEYS, page, write_all
 from physretarget.face.shot import Shot, Take
 
@@ -51,19 +51,17 @@ def test_cuts_are_four_seconds_from_zero():
 
 def test_counts_and_equal_key_count(found):
     assert (found.takes, found.channels, found.frames) == (1, 2, 121)
-    rows = {(r.name, r.placement): r for r in found.rows}
-    assert len(rows) == 3 * 3 * 3
-    for method in ("distance", "sax", "hmm"):
-        for place in ("greedy", "optimal", "joint"):
-            assert 2 <= rows[method, place].keys < 60
-            plain = rows[f"decimate at {method}'s count", place]
-            assert plain.keys == rows[method, place].keys
+    rows = {r.name: r for r in found.rows}
+    assert len(rows) == 4 * 4
+    for way in WAYS:
+        assert 2 <= rows[way].keys < 60
+        assert rows[f"decimate at {way}'s count"].keys == rows[way].keys
     assert found.tested == ("shot2", "shot5")
     assert [(a.fps, a.variant) for a in found.recovery] == [
-        (fps, m) for fps in (60.0, 30.0) for m in ("distance", "sax", "hmm")
+        (fps, way) for fps in (60.0, 30.0, 24.0) for way in WAYS
     ]
     for asked in (*found.recovery, *found.variants):
-        own, plain, fitted = asked.rows
+        own, plain, fitted, _ = asked.rows
         if own.curves:
             assert own.keys == pytest.approx(plain.keys)
             assert 0 <= own.f1 <= 1

@@ -288,19 +288,22 @@
 
   const KINDS = {
     matched: "Its source was not recorded.", fitted: "A gap: no segment was good enough here.",
+    plain: "No past shot explains this better than a plain ease.", rest: "Nothing moves here: a rest has no source.",
     locked: "The animator's own locked keys, kept as they were.", reduced: "Made by plain key reduction, from the capture alone.",
   };
   function tell(panel, label, s) {
     panel.append(make("h4", `${label}, ${seconds(s.a)} to ${seconds(s.b)}`));
     const o = s.from;
     if (!o) { panel.append(make("p", KINDS[s.kind])); if (s.low) panel.append(make("p", "▲ flagged", "flag")); return; }
-    panel.append(make("p", o.shot, "shot"), make("p", `${o.channel}, ${seconds(o.start)} to ${seconds(o.end)} of the shot`));
+    if (o.shot) panel.append(make("p", o.shot, "shot"), make("p", `${o.channel}, ${seconds(o.start)} to ${seconds(o.end)} of the shot`));
+    else panel.append(make("p", o.what, "shot"), make("p", KINDS[s.kind]));
     const list = make("dl");
-    const rows = [["time scale", o.scale.toFixed(2) + "×"], ["height scale", +o.amplitude.toPrecision(3) + "×"], ["error", percent(o.error)], ["confidence", percent(o.confidence)], ["runner-up", o.runner_up ? `${o.runner_up}, dearer by ${o.margin.toFixed(2)} keys` : "–"], ["segments of this shape", o.alike]];
+    const rows = o.shot ? [["time scale", o.scale.toFixed(2) + "×"], ["height scale", +o.amplitude.toPrecision(3) + "×"]] : [];
+    rows.push(["error", percent(o.error)], ["confidence", percent(o.confidence)]);
+    if (o.shot) rows.push(["likelier than an ease by", o.margin === null ? "–" : `${o.margin.toFixed(1)} nats`], ["segments of this shape", o.alike]);
     for (const [a, b] of rows) { const row = make("div"); row.append(make("dt", a), make("dd", b)); list.append(row); }
     panel.append(list);
-    if (s.kind === "fitted") panel.append(make("p", "A gap: no segment was good enough, so the nearest closes it.", "soft"));
-    if (s.low) panel.append(make("p", "▲ doubtful: other placements cut elsewhere at nearly the same price, so look at this span", "flag"));
+    if (s.low) panel.append(make("p", "▲ doubtful: other solutions that are about as likely have keys elsewhere, so look at this span", "flag"));
     if (o.curve && o.curve.t.length > 1) panel.append(sketch(o.curve));
   }
   function open(i, title, sub) {
