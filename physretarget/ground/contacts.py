@@ -23,6 +23,15 @@ _ANGLES = (np.arange(_DIRECTIONS * _FINE) + 0.25) * 2 * np.pi / (_DIRECTIONS * _
 _COMPASS = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)])
 
 
+# 3 % of the CoM height, within 1 and 2 cm: soles of robots and captures lie that far off.
+_TOLERANCE_OF_HEIGHT, _TOLERANCE_M = 0.03, (0.01, 0.02)
+
+
+def contact_tolerance(com_height: float) -> float:
+    """How near to the floor a point touches, m, of a body whose CoM is ``com_height`` m high."""
+    return float(np.clip(_TOLERANCE_OF_HEIGHT * com_height, *_TOLERANCE_M))
+
+
 @dataclass(frozen=True, eq=False)
 class Contacts:
     """Touching points of T frames: position (T, n, 3) world m, body (T, n), mask (T, n).

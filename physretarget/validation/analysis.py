@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget.clip import Motion
+from physretarget.ground.contacts import contact_tolerance
 from physretarget.kinematics import slerp
 from physretarget.mjcf import Character, check_lowpass
 from physretarget.validation.chunk import Workspace
@@ -34,8 +35,6 @@ Progress = Callable[[int, int], None]  # frames done, frames in all
 CHUNK = 1024
 # Beyond this the time axis is not uniform (rounding of text files stays below).
 _UNIFORM = 1e-3
-# 3 % of the CoM height, within 1 and 2 cm: soles of robots and captures lie that far off.
-_TOLERANCE_OF_HEIGHT, _TOLERANCE_M = 0.03, (0.01, 0.02)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +141,7 @@ def analyse(
     height = max(character.com_height, 1e-3)
     tolerance = settings.contact_tolerance_m
     if tolerance is None:
-        tolerance = float(np.clip(_TOLERANCE_OF_HEIGHT * height, *_TOLERANCE_M))
+        tolerance = contact_tolerance(height)
     friction = settings.friction or character.foot_friction
     work = Workspace.build(character, tolerance=tolerance, friction=settings.friction)
     said = _declared(clip, character, time if len(uneven) else None)

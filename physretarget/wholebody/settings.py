@@ -45,7 +45,7 @@ class WholeBodySettings:
     spike: float = 5.0
     soft: tuple[float, float] = (0.2, 0.02)
     hopeless: float = 0.5
-    patience: tuple[int, ...] = (2, 5)
+    patience: tuple[int, ...] = (4, 8)
     friction: float = 0.9
     inset: float = 0.1
     reach: int = 1

@@ -22,6 +22,7 @@ from physretarget.wholebody.problem import Window
 from physretarget.wholebody.settings import WholeBodySettings
 from physretarget.wholebody.solve import solve
 from physretarget.wholebody.support import (
+    CHUNK,
     Support,
     completed_stances,
     firmness,
@@ -87,9 +88,7 @@ def balance(
     still = np.zeros(len(qpos))
     if len(qpos) < FEWEST or not len(character.contacts):
         return WholeBody(qpos, stands, still, still, still, "nothing to mend", 0, 0.0)
-    contacts = character.contacts
-    place = kinematics.trajectories(character.tree, qpos, contacts.body, contacts.local)
-    support = support_of(character, stands, place, settings)
+    support = support_of(character, qpos, stands, settings)
     before = unexplained(character, qpos, time, support)
     moved, iterations, status = qpos.copy(), 0, "converged"
     for window in _windows(time, before, settings):
@@ -113,11 +112,16 @@ def balance(
 
 def unexplained(character: Character, qpos: Array, time: Array, support: Support) -> Array:
     """(T,) length of the wrench that no force at the support explains, BW."""
-    step = float(time[-1] - time[0]) / (len(time) - 1)
-    required = external_wrench(character, kinematics.forward(character.tree, qpos), step)
-    wrench = np.concatenate([required.force, required.moment], axis=1)
-    rest, _ = residual(support, required.com, wrench, character.com_height)
-    length: Array = np.linalg.norm(rest, axis=1)
+    step, frames = float(time[-1] - time[0]) / (len(time) - 1), len(qpos)
+    length = np.empty(frames)
+    for at in range(0, frames, CHUNK):
+        first, last = at, min(at + CHUNK, frames)
+        seen = slice(max(min(first, frames - 2) - 1, 0), min(max(last, 2) + 1, frames))
+        pose = kinematics.forward(character.tree, qpos[seen])
+        required = external_wrench(character, pose, step)
+        wrench = np.concatenate([required.force, required.moment], axis=1)
+        rest, _ = residual(support.of(seen), required.com, wrench, character.com_height)
+        length[first:last] = np.linalg.norm(rest, axis=1)[first - seen.start :][: last - first]
     return length
 
 
@@ -164,9 +168,7 @@ def whole_window(
     character: Character, qpos: Array, time: Array, stands: Flags, settings: WholeBodySettings
 ) -> Window:
     """A clip as one window in which all frames move."""
-    contacts = character.contacts
-    place = kinematics.trajectories(character.tree, qpos, contacts.body, contacts.local)
-    support = support_of(character, stands, place, settings)
+    support = support_of(character, qpos, stands, settings)
     every = slice(0, len(qpos))
     return _task(character, qpos, time, stands, support, _Window(every, every), settings)
 
