@@ -165,7 +165,7 @@ class _Clip:
             [start[inside] for start in starts],
             [PointTargets(markers.body, markers.local, _sampled(self.target, grid))],
             step_s=stride / self.fps,
-            price=self._price(one),
+            price=motion_price(character, settings),
             lower=character.lower,
             upper=character.upper,
             locked=_locked(character),
@@ -177,12 +177,15 @@ class _Clip:
         )
         return grid, found.qpos
 
-    def _price(self, one: float) -> Price:
-        unit = np.where(self.character.tree.tables.dof_turns > 0, 1.0, 1.0 / self.character.height)
-        return Price(
-            velocity=one * (self.settings.velocity_s * unit) ** 2,
-            acceleration=one * (self.settings.acceleration_s2 * unit) ** 2,
-        )
+
+def motion_price(character: Character, settings: IkSettings) -> Price:
+    """What motion costs where each marker's distance has the weight 1."""
+    one = len(character.markers.names) * character.height**2
+    unit = np.where(character.tree.tables.dof_turns > 0, 1.0, 1.0 / character.height)
+    return Price(
+        velocity=one * (settings.velocity_s * unit) ** 2,
+        acceleration=one * (settings.acceleration_s2 * unit) ** 2,
+    )
 
 
 def _sampled(target: Floats, grid: Ints) -> Floats:

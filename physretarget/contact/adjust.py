@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from physretarget import kinematics
 from physretarget.contact.carry import carried, followed, off_track
-from physretarget.contact.clearance import above_floor
+from physretarget.contact.clearance import above_floor, on_the_floor
 from physretarget.contact.flight import grounded, throw_arc, thrown
 from physretarget.contact.foot import Foot
 from physretarget.contact.phases import Phases
@@ -108,6 +108,7 @@ def adjust(
     if off_track(character, moved, feet) > 1e-5:
         moved, feet = _reached(character, qpos, moved, time, phases, feet, settings, notes)
     moved = above_floor(character, moved, feet, settings)
+    moved = on_the_floor(character, moved, time, feet, settings)
     tracks = [foot.track for foot in feet]
     if settings.blend == "ballistic":
         moved = thrown(character, moved, time, grounded(character, phases, tracks), settings)
@@ -211,10 +212,12 @@ def _reached(
     ``moved`` are those with the root corrected. What was shortened is added to ``notes``.
     """
     cut = 0
-    solved = followed(character, moved, feet, settings)
+    root = slice(character.root_qpos, character.root_qpos + 7 * character.has_root)
+    step_s = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
+    solved, turned = followed(character, moved, feet, settings, step_s)
     for _ in range(settings.releases):
         pose = kinematics.forward(character.tree, solved)
-        shorter, changed = _shortened(feet, pose, time, settings)
+        shorter, changed = _shortened(turned, pose, time, settings)
         if not changed:
             break
         cut += changed
@@ -222,17 +225,13 @@ def _reached(
             _standing(character, foot, footings, time, settings)
             for foot, footings in zip(feet, shorter, strict=True)
         ]
-        before, was = feet, moved
         feet = _flown(character, standing, time, phases, settings)
         moved = carried(character, qpos, time, feet, settings)
-        other = np.any(moved != was, axis=1)
-        for new, old in zip(feet, before, strict=True):
-            other |= new.track.differs(old.track)
-        frames = np.flatnonzero(other)  # the others would come out as they are
-        solved[frames] = followed(character, moved[frames], feet, settings, frames=frames)
+        start = np.concatenate([moved[:, root], solved[:, root.stop :]], axis=1)
+        solved, turned = followed(character, moved, feet, settings, step_s, start=start)
     if cut:
         notes.append(f"Stances shortened where legs do not reach from one to the next: {cut}.")
-    return solved, feet
+    return solved, turned
 
 
 def _shortened(

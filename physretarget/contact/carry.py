@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from physretarget import kinematics
 from physretarget.contact.foot import Foot
+from physretarget.contact.leg import as_the_leg_has_it, within_budget, yielding
 from physretarget.contact.pace import kept_pace
 from physretarget.contact.settings import ContactSettings
 from physretarget.contact.sole import yaw_quat
+from physretarget.ik import IkSettings, motion_price
 from physretarget.kinematics import PointTargets
 from physretarget.mjcf import Character
 
@@ -18,7 +23,14 @@ Ints = NDArray[np.int64]
 
 UPRIGHT = 0.95
 """A hinge is a swivel if the cosine between its axis and the vertical exceeds this."""
-SOFT = 1e-4
+HINT = 0.1
+"""What the points of a foot weigh that its leg cannot hold, against its centre: the degrees of
+freedom that the leg has follow the path."""
+TURNS = 2
+"""So often a foot takes on the rotation that its leg gives it."""
+ITERATIONS = 8
+"""Steps of a clip at most: it is solved again and again as stances become shorter."""
+SOFT = 1e-5
 """Damping at first: it must be small against the markers' weight of 1, not that of the contacts."""
 
 
@@ -156,49 +168,145 @@ def followed(
     qpos: Floats,
     feet: list[Foot],
     settings: ContactSettings,
+    step_s: float,
     *,
-    frames: Ints | None = None,
-    lifted: PointTargets | None = None,
-    iterations: int = 30,
-) -> Floats:
-    """Inverse kinematics: contact points on their paths, everything else as it was.
+    start: Floats | None = None,
+) -> tuple[Floats, list[Foot]]:
+    """Inverse kinematics over a clip: contact points on their paths, everything else as it was.
 
-    ``qpos`` are the poses of ``frames``, by default all; ``lifted`` are further targets.
+    Also the feet with the paths that were followed: those that their legs cannot hold in all
+    degrees of freedom turn as the legs have them. The trunk keeps within its budget of what it
+    was. ``qpos`` (T, nq), ``step_s`` s apart; the search begins at ``start``.
     """
-    frames = np.arange(len(qpos)) if frames is None else frames
-    pose = kinematics.forward(character.tree, qpos)
-    markers = character.markers
-    here = kinematics.points(pose, markers.body, markers.local)
-    targets = [PointTargets(markers.body, markers.local, here)]
+    weak, before = dict.fromkeys(yielding(character, feet), 0.0), feet
+    clip = _Clip(character, qpos, settings, step_s)
+    found = clip.solved(feet, qpos if start is None else start, hint=weak)
+    found, beyond = within_budget(character, found, qpos, settings)
+    firm = dict.fromkeys(weak, HINT)
+    for _ in range(TURNS if weak else 0):
+        found = clip.solved(feet, found, hint=firm, trunk=False)
+        feet = [
+            as_the_leg_has_it(character, foot, found) if foot in firm else foot for foot in feet
+        ]
+        firm = {foot: 1.0 for foot, old in zip(feet, before, strict=True) if old in weak}
+    if weak or beyond:
+        found = clip.solved(feet, found, trunk=False)
+    return found, feet
+
+
+@dataclass(frozen=True, eq=False)
+class _Clip:
+    """Poses (T, nq) that follow the paths of feet, as near to ``qpos`` and as evenly as can be."""
+
+    character: Character
+    qpos: Floats
+    settings: ContactSettings
+    step_s: float
+
+    def solved(
+        self,
+        feet: list[Foot],
+        start: Floats,
+        *,
+        hint: Mapping[Foot, float] | None = None,
+        trunk: bool = True,
+    ) -> Floats:
+        """Those with a ``hint`` only with their centres, and their points as firmly as that says.
+
+        ``trunk`` False holds its height and rotation at the start.
+        """
+        character, settings = self.character, self.settings
+        targets = [_as_it_was(character, self.qpos)]
+        frames = np.arange(len(self.qpos))
+        for foot in feet:
+            targets += _targets(foot, frames, settings, (hint or {}).get(foot, 1.0))
+        locked = np.zeros(character.tree.nv, dtype=bool)
+        if not trunk:
+            locked[character.root_dof + 2 : character.root_dof + 6] = True
+        return kinematics.solve_trajectory(
+            character.tree,
+            [start],
+            targets,
+            step_s=self.step_s,
+            price=motion_price(character, IkSettings()),
+            reference=self.qpos,
+            lower=character.lower,
+            upper=character.upper,
+            locked=locked,
+            # Joints that the points leave undetermined (the twist of a straight leg) stay put.
+            prior=self.qpos,
+            prior_weight=joint_weights(character, settings.joint_weight),
+            iterations=ITERATIONS,
+            damping=SOFT,
+            tolerance=1e-3,
+        ).qpos
+
+
+def lifted(
+    character: Character,
+    qpos: Floats,
+    feet: list[Foot],
+    settings: ContactSettings,
+    frames: Ints,
+    targets: PointTargets,
+) -> Floats:
+    """Poses of some frames that also bring further points to their places.
+
+    ``qpos`` (n, nq) are poses that follow the paths. The trunk keeps its rotation.
+    """
+    locked = np.zeros(character.tree.nv, dtype=bool)
+    if character.has_root:
+        locked[character.root_dof + 3 : character.root_dof + 6] = True
+    every = [_as_it_was(character, qpos), targets]
     for foot in feet:
-        sole, away = foot.sole, foot.track.away[frames]
-        flight = settings.flight_weight / (1.0 + (away / settings.fade) ** 2) ** 2
-        near = np.exp(-((away / 0.04) ** 2))
-        weight = (flight + (settings.stance_weight - flight) * near)[:, None]
-        weight = np.broadcast_to(weight, (len(qpos), len(sole.local)))
-        bodies = np.full(len(sole.local), sole.body)
-        path = foot.track.points(sole)[frames]
-        targets.append(PointTargets(bodies, sole.local, path, weight))
-        if len(sole.under):
-            flank = settings.flank_weight / len(sole.under) * weight[:, :1]
-            under = np.full(len(sole.under), sole.body)
-            path = foot.track.undersides(sole)[frames]
-            every = np.broadcast_to(flank, (len(qpos), len(under)))
-            targets.append(PointTargets(under, sole.under, path, every))
-    if lifted is not None:
-        targets.append(lifted)
+        every += _targets(foot, frames, settings, 1.0)
     return kinematics.solve(
         character.tree,
         qpos,
-        targets,
+        every,
         lower=character.lower,
         upper=character.upper,
-        # Joints that the points leave undetermined (the twist of a straight leg) stay put.
+        locked=locked,
         prior_weight=joint_weights(character, settings.joint_weight),
-        iterations=iterations,
+        iterations=8,
         damping=SOFT,
         tolerance=1e-4,
     ).qpos
+
+
+def _as_it_was(character: Character, qpos: Floats) -> PointTargets:
+    """The markers where a pose has them."""
+    markers = character.markers
+    pose = kinematics.forward(character.tree, qpos)
+    here = kinematics.points(pose, markers.body, markers.local)
+    return PointTargets(markers.body, markers.local, here)
+
+
+def _targets(
+    foot: Foot, frames: Ints, settings: ContactSettings, hint: float
+) -> list[PointTargets]:
+    """Where a foot's points shall be. ``hint`` below 1: its centre, and the points so much less."""
+    sole, track, away = foot.sole, foot.track, foot.track.away[frames]
+    count = len(sole.local)
+    flight = (settings.flight_weight / (1.0 + (away / settings.fade) ** 2) ** 2)[:, None]
+    near = np.exp(-((away / 0.04) ** 2))[:, None]
+    stance = (settings.stance_weight - flight) * near
+    hint = hint if count > 1 else 1.0
+    weight = flight + hint * stance
+    bodies = np.full(count, sole.body)
+    every = np.broadcast_to(weight, (len(frames), count))
+    targets = [PointTargets(bodies, sole.local, track.points(sole)[frames], every)]
+    if hint < 1.0:
+        held = count * (1.0 - hint) * stance
+        centre = track.centre[frames, None]
+        targets.append(PointTargets(bodies[:1], sole.centre[None], centre, held))
+    if len(sole.under):
+        flank = settings.flank_weight / len(sole.under) * weight
+        under = np.full(len(sole.under), sole.body)
+        path = track.undersides(sole)[frames]
+        every = np.broadcast_to(flank, (len(frames), len(under)))
+        targets.append(PointTargets(under, sole.under, path, every))
+    return targets
 
 
 def joint_weights(character: Character, weight: float) -> Floats:

@@ -12,8 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget import kinematics
-from physretarget.contact.carry import followed
+from physretarget.contact.carry import lifted
 from physretarget.contact.foot import Foot
+from physretarget.contact.leg import SOLE_SLACK
+from physretarget.contact.phases import runs
 from physretarget.contact.settings import ContactSettings
 from physretarget.kinematics import PointTargets
 from physretarget.mjcf import Character
@@ -26,8 +28,6 @@ DIRECTIONS = 40
 """A body is represented by its farthest points in so many directions."""
 FLOOR_SLACK = 1e-4
 """Carried bodies may be this far below the floor (m) without being lifted."""
-SOLE_SLACK = 3e-3
-"""So may feet (m): a rounded toe that a foot rolls over dips below the point that it stands on."""
 ROUNDS = 6
 """Lifting a body moves its neighbours: so often is looked again."""
 
@@ -63,10 +63,35 @@ def above_floor(
         target = kinematics.points(pose, body[some], local[some])
         target[..., 2] += np.where(low, depth - slack, np.nan)[:, some]
         lift = PointTargets(body[some], local[some], target, share[some])
-        moved[frames] = followed(
-            character, moved[frames], feet, settings, frames=frames, lifted=lift, iterations=8
-        )
+        moved[frames] = lifted(character, moved[frames], feet, settings, frames, lift)
     return moved
+
+
+def on_the_floor(
+    character: Character, qpos: Floats, time: Floats, feet: list[Foot], settings: ContactSettings
+) -> Floats:
+    """Set down what floats: no stance for longer than any flight lasts, for all were given up.
+
+    The whole pose sinks until its feet's lowest point is on the floor. Next to a stance that is
+    where it is, so that nothing jumps.
+    """
+    stands = np.any([foot.track.standing for foot in feet], axis=0)
+    floats = [
+        np.arange(first, last + 1)
+        for first, last in runs(~stands)
+        if time[last] - time[first] > settings.longest_flight
+    ]
+    if not floats or not character.has_root:
+        return qpos
+    meant = np.any([foot.active.any(axis=1) for foot in feet], axis=0)
+    frames = np.concatenate(floats)
+    frames = frames[meant[frames]]
+    pose = kinematics.forward(character.tree, qpos[frames])
+    body, local = surface_points(character, np.array([foot.sole.body for foot in feet]))
+    lowest = kinematics.points(pose, body, local)[..., 2].min(axis=1) - character.floor_height
+    set_down = qpos.copy()
+    set_down[frames, character.root_qpos + 2] -= np.maximum(lowest, 0.0)
+    return set_down
 
 
 def _near_floor(character: Character, qpos: Floats, bodies: Ints) -> Ints:

@@ -57,6 +57,9 @@ class ContactSettings:
     flank_weight: of the rest of a foot's underside, over all its points, as a share of the
         weight of a contact point.
     clearance_weight: of a body that would be below the floor, over all its points.
+    trunk_tilt, trunk_yaw, trunk_height: a trunk on legs tilts and turns no farther than this from
+        where the motion has it, rad, and moves no farther up or down, when feet ask for it. What
+        legs do not reach within these is given up: the stance becomes shorter.
     joint_weight: of a joint's change, per rad² and height².
     """
 
@@ -93,6 +96,9 @@ class ContactSettings:
     fade: float = 0.15
     flank_weight: float = 0.1
     clearance_weight: float = 1000.0
+    trunk_tilt: float = 0.15
+    trunk_yaw: float = 0.35
+    trunk_height: float = 0.05
     joint_weight: float = 0.05
     blend: Blend = "ballistic"
     gravity: float = 9.81

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg.lapack import dpbsv
@@ -37,8 +38,7 @@ farther, and near a singular pose the Gauss–Newton step can be a full turn."""
 NEIGHBOURS = 9
 """Frames over which a step that was cut short cuts its neighbours' short, so that the correction
 stays smooth in time."""
-_DAMPING = (1e-2, 1e-3, 1e3)
-"""Levenberg–Marquardt damping: the first, the smallest, the largest."""
+_LARGEST_DAMPING = 1e3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,8 +78,10 @@ def solve_trajectory(
     locked: Bools | None = None,
     prior: Floats | None = None,
     prior_weight: Floats | float = 0.0,
+    reference: Floats | None = None,
     doubt: float = np.inf,
     iterations: int = 12,
+    damping: float = 1e-2,
     tolerance: float = 1e-3,
 ) -> Trajectory:
     """Bring points of ``tree`` to their targets along a path that is smooth in time.
@@ -96,8 +98,13 @@ def solve_trajectory(
         locked: (nv,) degrees of freedom that keep the values of the first start.
         prior, prior_weight: pose (T, nq), by default the first start, and weights (nv,) of
             staying with it.
+        reference: poses (T, nq) whose own motion has no price: only what differs from their
+            velocity and acceleration has.
         doubt: cost of a frame, m².
         iterations: the most steps per window and start.
+        damping: Levenberg–Marquardt's at first, as a share of each degree of freedom's curvature; it
+            never falls below a tenth of that. It must be small beside the ratio of the smallest
+            weight that matters to the largest.
         tolerance: a window is done when its step is below this (rad or m).
 
     Windows follow each other in time, each with the two poses before it given; memory does not
@@ -113,12 +120,13 @@ def solve_trajectory(
         part = slice(at, min(at + WINDOW, frames))
         if at and part.stop - at <= OVERLAP:
             break  # the window before reached the end
-        window = _Window(whole.of(part), price, step_s, qpos[max(at - 2, 0) : at])
-        best = window.solved(qpos[part], iterations, tolerance)
+        usual = None if reference is None else reference[max(at - 2, 0) : part.stop]
+        window = _Window(whole.of(part), price, step_s, qpos[max(at - 2, 0) : at], usual)
+        best = window.solved(qpos[part], iterations, damping, tolerance)
         for other in starts[1:]:
             if best.cost <= doubt * (part.stop - at):
                 break
-            found = window.solved(other[part], iterations, tolerance)
+            found = window.solved(other[part], iterations, damping, tolerance)
             best = found if found.cost < best.cost else best
         qpos[part] = best.qpos
         distance = np.linalg.norm(best.error, axis=-1)
@@ -140,17 +148,27 @@ class _State:
 
 @dataclass(frozen=True, eq=False)
 class _Window:
-    """Frames that are solved together, and the poses (0 to 2, nq) before them."""
+    """Frames that are solved together, and the poses (0 to 2, nq) before them.
+
+    ``usual`` are poses of all these whose motion has no price, if any.
+    """
 
     problem: Problem
     price: Price
     step_s: float
     before: Floats
+    usual: Floats | None = None
 
-    def solved(self, start: Floats, iterations: int, tolerance: float) -> _State:
+    @cached_property
+    def _usual_speed(self) -> Floats:
+        assert self.usual is not None
+        steps = difference(self.problem.tree, self.usual[:-1], self.usual[1:])
+        return np.asarray(steps / self.step_s)
+
+    def solved(self, start: Floats, iterations: int, damping: float, tolerance: float) -> _State:
         """Levenberg–Marquardt from one start."""
         now = self._at(np.clip(start, self.problem.lower, self.problem.upper))
-        damping, least, most = _DAMPING
+        least = 0.1 * damping
         for taken in range(1, iterations + 1):
             step = self._step(now, damping)
             trial = self._moved(now, step)
@@ -161,7 +179,7 @@ class _Window:
                     break
             else:
                 damping = 10.0 * damping
-            if np.abs(step).max() < tolerance or damping > most:
+            if np.abs(step).max() < tolerance or damping > _LARGEST_DAMPING:
                 break
         return now
 
@@ -182,6 +200,8 @@ class _Window:
         """Velocities and accelerations between the frames, those before included."""
         path = np.concatenate([self.before, qpos])
         speed = difference(self.problem.tree, path[:-1], path[1:]) / self.step_s
+        if self.usual is not None:
+            speed = speed - self._usual_speed
         return speed, np.diff(speed, axis=0) / self.step_s
 
     def _step(self, now: _State, damping: float) -> Floats:
