@@ -25,7 +25,7 @@ Ints = NDArray[np.int64]
 SAMPLES = 8
 """Poses in which a leg is tried: in a single one it may be straight."""
 SOLE_SLACK = 0.003
-"""So deep may the edge of a rolled sole be in the floor (m), as a rounded toe that is rolled over."""
+"""So deep may an edge of a rolled sole be in the floor (m), as a rounded toe is that rolls."""
 WEAKEST = 0.03
 """A direction counts as commanded if the leg's joints move the foot along it by this share of how
 they move it along the strongest one."""

@@ -102,9 +102,9 @@ def solve_trajectory(
             velocity and acceleration has.
         doubt: cost of a frame, m².
         iterations: the most steps per window and start.
-        damping: Levenberg–Marquardt's at first, as a share of each degree of freedom's curvature; it
-            never falls below a tenth of that. It must be small beside the ratio of the smallest
-            weight that matters to the largest.
+        damping: Levenberg–Marquardt's at first, as a share of the curvature of each degree of
+            freedom; it never falls below a tenth of that. It must be small beside the ratio of the
+            smallest weight that matters to the largest.
         tolerance: a window is done when its step is below this (rad or m).
 
     Windows follow each other in time, each with the two poses before it given; memory does not

@@ -19,7 +19,8 @@ def model(name: str, trunk: str, ties: dict[str, str]) -> Character:
     return Character.from_xml(
         f"""<mujoco model="{name}"><default><geom density="400"/></default><worldbody>
         <geom name="floor" type="plane" size="5 5 .1"/>{trunk}</worldbody><custom>
-        <numeric name="front" data="1 0 0"/><numeric name="up" data="0 0 1"/>{told}</custom></mujoco>"""
+        <numeric name="front" data="1 0 0"/><numeric name="up" data="0 0 1"/>{told}</custom>
+        </mujoco>"""
     )
 
 
@@ -97,7 +98,8 @@ def cart() -> Character:
     )
     trunk = f"""<body name="base" pos="0 0 .06"><freejoint/>
       <geom type="box" size=".12 .08 .03" pos="0 0 .01"/>{wheels}
-      <geom type="sphere" size=".03" pos="-.1 0 -.03"/><geom type="sphere" size=".03" pos=".1 0 -.03"/>
+      <geom type="sphere" size=".03" pos="-.1 0 -.03"/>
+      <geom type="sphere" size=".03" pos=".1 0 -.03"/>
       <site name="contact_left" pos="0 .1 -.06"/><site name="contact_right" pos="0 -.1 -.06"/>
       <body name="mast" pos="0 0 .04"><joint name="turn" axis="0 0 1" range="-100 100"/>
         <geom type="capsule" fromto="0 0 0 0 0 .2" size=".02"/></body></body>"""
