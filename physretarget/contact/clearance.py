@@ -15,9 +15,8 @@ from physretarget import kinematics
 from physretarget.contact.carry import lifted
 from physretarget.contact.foot import Foot
 from physretarget.contact.leg import SOLE_SLACK
-from physretarget.contact.phases import runs
 from physretarget.contact.settings import ContactSettings
-from physretarget.kinematics import PointTargets
+from physretarget.kinematics import PointTargets, runs
 from physretarget.mjcf import Character
 
 Floats = NDArray[np.float64]
