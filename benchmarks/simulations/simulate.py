@@ -128,7 +128,7 @@ def _model(subject: Subject) -> mujoco.MjModel:
     model.opt.timestep = 1 / STEPS_PER_SECOND
     if subject.name == "g1":
         model.jnt_stiffness[:] = 0
-        model.dof_damping[:] = np.minimum(model.dof_damping, 0.2)
+        model.dof_damping[:] = np.minimum(model.dof_damping, 0.02)
     return model
 
 

@@ -21,7 +21,7 @@ say where):
 * ``arrow_origin``, ``arrow_force`` (T, 4, 3) m and BW: the largest contact forces, to be drawn
 * ``skate`` m/s, ``skate_free`` the part of it that friction does not brake
 * ``elsewhere`` the geom, of nothing that is the floor's or its own, that the character touches; -1
-* ``torque_ratio`` 1, share of a joint's limit; ``self_penetration`` m
+* ``torque_ratio`` 1, share of a joint's limit that it needs at least; ``self_penetration`` m
 
 Of the whole clip (see :mod:`physretarget.ground.response`): ``explained_force`` (T, 3) BW, the
 nearest that forces in their cones near contacts look like after the filter, ``unexplained_force``
@@ -48,9 +48,10 @@ from physretarget.ground.wrench import centre_of_mass
 from physretarget.mjcf import Character, derivatives, required_wrench
 from physretarget.validation.declared import compare
 from physretarget.validation.external_contacts import ExternalContacts
+from physretarget.validation.least_torque import LeastTorque, Loads, unsupported
 from physretarget.validation.selfcollision import SelfCollision
 from physretarget.validation.smoothness import windowed_jerk
-from physretarget.validation.torque import TorqueLimits, contact_torque, without_stops
+from physretarget.validation.torque import contact_torque
 
 Floats = NDArray[np.float64]
 Series = dict[str, NDArray[np.generic]]
@@ -101,7 +102,7 @@ class Workspace:
 
     character: Character
     points: Undersides
-    torque: TorqueLimits
+    torque: LeastTorque | None
     collision: SelfCollision
     external: ExternalContacts
     scalars: NDArray[np.int64]
@@ -119,7 +120,7 @@ class Workspace:
         return cls(
             character=character,
             points=undersides(character),
-            torque=TorqueLimits.build(character),
+            torque=LeastTorque.build(character),
             collision=SelfCollision.build(character),
             external=ExternalContacts.build(character, tolerance),
             scalars=np.array(
@@ -225,11 +226,12 @@ def _forces(
     """What the kept frames require, and the contact forces that explain it."""
     character, keep, inner = work.character, chunk.keep, chunk.inner
     qvel, qacc = motion
-    torque = None
-    if work.torque.any:
-        torque = required_wrench(character, chunk.qpos[keep], qvel[keep], qacc[keep]).joint_torque
+    needs = None
+    if work.torque is not None:
+        needs = required_wrench(character, chunk.qpos[keep], qvel[keep], qacc[keep])
     if not character.has_root:
-        _torques(series, work, chunk.qpos[keep], torque)
+        if work.torque is not None and needs is not None:
+            series |= work.torque.judge(unsupported(chunk.qpos[keep], needs))
         return
     height = max(character.com_height, 1e-3)
     force, moment = chunk.force[keep], chunk.moment[keep]
@@ -253,10 +255,13 @@ def _forces(
     series["contact_force"] = found.force.sum(axis=1)
     series |= arrows(support, found.force)
     series |= skate(support, found.force, _widened(velocity, support.mask.shape[1]))
-    if torque is not None:
+    if work.torque is not None and needs is not None:
         bears = found.force * character.weight
         held = contact_torque(character, here, support, bears, com[inner])
-        _torques(series, work, chunk.qpos[keep], torque - held)
+        loads = Loads(
+            chunk.qpos[keep], needs.joint_torque, needs.passive, held, bears, support, com[inner]
+        )
+        series |= work.torque.judge(loads)
 
 
 def _mean_arm(support: Support, height: float) -> Floats:
@@ -267,8 +272,3 @@ def _mean_arm(support: Support, height: float) -> Floats:
 
 def _widened(velocity: Floats, width: int) -> Floats:
     return np.pad(velocity, [(0, 0), (0, width - velocity.shape[1]), (0, 0)])
-
-
-def _torques(series: Series, work: Workspace, qpos: Floats, torque: Floats | None) -> None:
-    if torque is not None:
-        series |= work.torque.judge(without_stops(work.character, qpos, torque))

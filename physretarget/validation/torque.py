@@ -13,11 +13,6 @@ from physretarget.kinematics import Pose
 from physretarget.mjcf import Character
 
 Floats = NDArray[np.float64]
-Series = dict[str, NDArray[np.generic]]
-
-# From how near to the end of its range (what KIN001 calls calibration) to how far beyond it a
-# joint leans on its stop.
-STOP_RAD, STOP_M = (0.0087, 0.1), (0.001, 0.02)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,32 +50,6 @@ class TorqueLimits:
         open_ended = ~((lower < 0) & (upper > 0))
         lower[open_ended], upper[open_ended] = -np.inf, np.inf
         return cls(lower, upper)
-
-    def judge(self, torque: Floats) -> Series:
-        """Largest share (T,) of a limit that is used, and the degree of freedom."""
-        ratio = np.where(torque > 0, torque / self.upper, np.abs(torque) / -self.lower)
-        worst = ratio.argmax(axis=1)
-        return {"torque_ratio": ratio[np.arange(len(ratio)), worst], "torque_dof": worst}
-
-
-def without_stops(character: Character, qpos: Floats, torque: Floats) -> Floats:
-    """Torques (T, nv) less what the joints' stops take: at an end of its range a joint leans.
-
-    A stop only pushes back into the range, and only near its end: MuJoCo's stops are springs, which
-    yield. What lies far beyond the range leans on nothing. ``qpos`` (T, nq).
-    """
-    left = torque.copy()
-    for joint in character.tree.joints:
-        if joint.kind not in ("hinge", "slide"):
-            continue
-        near, yields = STOP_RAD if joint.kind == "hinge" else STOP_M
-        own = left[:, joint.dof]
-        below = character.lower[joint.qpos] - qpos[:, joint.qpos]
-        above = qpos[:, joint.qpos] - character.upper[joint.qpos]
-        low = (below >= -near) & (below <= yields) & (own > 0)
-        high = (above >= -near) & (above <= yields) & (own < 0)
-        own[low | high] = 0.0
-    return left
 
 
 def _actuator_ranges(model: mujoco.MjModel) -> dict[int, tuple[float, float]]:

@@ -265,7 +265,7 @@ def _(biped, hop, standing):  # type: ignore[no-untyped-def]
 def _(biped, hop, standing):  # type: ignore[no-untyped-def]
     text = BODY.format(
         first=BOX,
-        joint='range="-1 1" limited="true" actuatorfrcrange="-.1 .1"',
+        joint='range="-60 60" limited="true" actuatorfrcrange="-.1 .1"',
         option="",
         asset="",
     )
