@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget import mapping
+from physretarget.archives.arrays import texts
 from physretarget.capture.actor import REFERENCE_ACTOR, ActorShape
 from physretarget.clip import Members, npz_bytes, write_file
-from physretarget.clip.arrays import texts
 from physretarget.errors import InputError
 from physretarget.keyposes import KeyPoseSet, training_pairs
 from physretarget.mjcf import Character, actor_character

@@ -23,7 +23,7 @@ PUBLIC = {
         "SolverError",
     ],
     "physretarget.kinematics": ["Tree", "forward", "points", "jacobian", "integrate", "solve"],
-    "physretarget.capture": ["load", "read", "FORMATS", "detect_format"],
+    "physretarget.capture": ["load", "read", "READERS", "find_reader"],
     "physretarget.capture.actor": ["ActorMotion", "ActorShape", "SEGMENTS", "REFERENCE_ACTOR"],
     "physretarget.clip": ["Clip", "load_clip"],
     "physretarget.conversion": ["convert"],

@@ -12,60 +12,18 @@ from typing import Literal
 import numpy as np
 
 from physretarget.capture.actor import ActorMotion
-from physretarget.capture.amc import read_amc
-from physretarget.capture.bvh import read_bvh
-from physretarget.capture.deepmimic import read_deepmimic
 from physretarget.capture.inspection import Inspection, inspect_recording
 from physretarget.capture.joints import fit_joints
 from physretarget.capture.level import floor_plane, turned
-from physretarget.capture.marker_file import markers_of
 from physretarget.capture.moving_floor import find_moving_floor, held_still
 from physretarget.capture.plausible import doubts
+from physretarget.capture.reader import READERS, ReadOptions, find_reader
 from physretarget.capture.recording import JointRecording, MarkerRecording
 from physretarget.errors import InputError, UsageError
 from physretarget.options import find, options_of
 from physretarget.options.motion import CaptureOptions, Resampling
 
-__all__ = ["FORMATS", "Inspection", "detect_format", "inspect", "load", "read"]
-
-FORMATS = {
-    "bvh": "BVH skeleton and motion (.bvh)",
-    "c3d": "optical markers (.c3d)",
-    "trc": "optical markers as text (.trc)",
-    "amc": "Acclaim motion with its .asf skeleton (.amc)",
-    "deepmimic": "DeepMimic humanoid3d motion, JSON (.txt, .json)",
-}
-
-
-def detect_format(path: str | Path) -> str:
-    """The capture format of a file, by its content first, then by its name's ending."""
-    path = Path(path)
-    if not path.exists():
-        raise InputError("The file does not exist.", path=path)
-    if not path.is_file():
-        raise InputError("This is a folder or a device, not a file.", path=path)
-    with path.open("rb") as file:
-        head = file.read(512)
-    text = head.lstrip(b"\xef\xbb\xbf \t\r\n")
-    ending = path.suffix.lower()
-    if ending == ".asf":
-        raise InputError("An ASF file is a skeleton alone: give the AMC motion.", path=path)
-    if text.upper().startswith(b"HIERARCHY"):
-        return "bvh"
-    if text.lower().startswith(b"pathfiletype"):
-        return "trc"
-    if len(head) > 1 and head[1] == 0x50 and ending != ".txt":
-        return "c3d"
-    if text.startswith(b"{") and ending in (".txt", ".json"):
-        return "deepmimic"
-    if ending in (".bvh", ".c3d", ".trc", ".amc"):
-        return ending[1:]
-    if not head:
-        raise InputError("The file is empty.", path=path)
-    known = "; ".join(FORMATS.values())
-    raise InputError(
-        f"Unknown capture format {ending or 'without ending'!r}: known are {known}.", path=path
-    )
+__all__ = ["READERS", "Inspection", "find_reader", "inspect", "load", "read"]
 
 
 def read(
@@ -75,47 +33,24 @@ def read(
     up: str | None = None,
     skeleton: str | Path | None = None,
     subject: str | None = None,
+    rate: float | None = None,
 ) -> JointRecording | MarkerRecording:
     """Read a capture: metres, z up; unit and up axis are guessed, and noted, unless told.
 
     Args:
-        path: The capture.
+        path: The capture; its format is known by its content, then by its name's ending.
         unit: m, cm, mm, inch, cmu or metres per unit as a number.
         up: x, y, z, -x, -y or -z.
         skeleton: The ASF file of an AMC motion.
         subject: Whom to take where a file holds several people: a name, or a number from 1.
+        rate: Frames per second of a file that does not say.
 
     Raises:
         InputError: The file cannot be used, or nobody of that name is in it.
+        MissingExtraError: A library for this format is not installed.
     """
-    kind = detect_format(path)
-    if Path(path).stat().st_size == 0:
-        raise InputError("The file is empty.", path=path)
-    if skeleton is not None and kind != "amc":
-        raise UsageError("A skeleton is for AMC motions alone; other captures bring their own.")
-    if kind == "bvh":
-        return read_bvh(path, unit=unit, up=up, subject=subject)
-    if kind in ("trc", "c3d"):
-        return _read_markers(path, kind, unit=unit, up=up, subject=subject)
-    if subject is not None:
-        raise UsageError(f"{kind.upper()} files hold one person; leave the subject out.")
-    if kind == "amc":
-        return read_amc(path, skeleton=skeleton, unit=unit, up=up)
-    return read_deepmimic(path, unit=unit, up=up)
-
-
-def _read_markers(
-    path: str | Path, kind: str, *, unit: str | None, up: str | None, subject: str | None
-) -> MarkerRecording:
-    if kind == "trc":
-        from physretarget.capture.trc import read_trc
-
-        recording = read_trc(path, unit=unit, up=up)
-    else:
-        from physretarget.capture.c3d import read_c3d  # ezc3d is slow to import
-
-        recording = read_c3d(path, unit=unit, up=up)
-    return recording if subject is None else markers_of(recording, subject)
+    options = ReadOptions(unit=unit, up=up, skeleton=skeleton, subject=subject, rate=rate)
+    return find_reader(path).read(path, options)
 
 
 def inspect(
@@ -126,13 +61,14 @@ def inspect(
     skeleton: str | Path | None = None,
     mass: float | None = None,
     subject: str | None = None,
+    rate: float | None = None,
     hold_floor: bool = False,
 ) -> Inspection:
     """Who is which joint or marker of a capture, how well each fits, and what is doubtful.
 
     Args and Raises as in :func:`load`.
     """
-    recording = read(path, unit=unit, up=up, skeleton=skeleton, subject=subject)
+    recording = read(path, unit=unit, up=up, skeleton=skeleton, subject=subject, rate=rate)
     return inspect_recording(*_actor_in(recording, mass, hold_floor=hold_floor))
 
 
@@ -146,6 +82,7 @@ def load(
     fps: float | None = None,
     max_seconds: float | None = None,
     subject: str | None = None,
+    rate: float | None = None,
     hold_floor: bool = False,
     on_doubt: Literal["note", "fail"] = "note",
 ) -> ActorMotion:
@@ -163,6 +100,7 @@ def load(
         fps: Frames per second to resample to.
         max_seconds: How much of the take's start to keep, s.
         subject: See :func:`read`.
+        rate: See :func:`read`.
         hold_floor: Take out the motion of a floor that moves (a treadmill's belt, a drift); by
             default it is only told.
         on_doubt: What to do where the motion could not be a human's on a floor: note it, or fail.
@@ -171,10 +109,10 @@ def load(
         InputError: The file cannot be used, or is doubtful and ``on_doubt`` says fail.
         UsageError: A value is out of its range.
     """
-    CaptureOptions(mass=mass, on_doubt=on_doubt)  # refuses what is out of range
+    CaptureOptions(mass=mass, rate=rate, on_doubt=on_doubt)  # refuses what is out of range
     if fps is not None:
         find("fps", options_of(Resampling)).read(fps, "fps")
-    recording = read(path, unit=unit, up=up, skeleton=skeleton, subject=subject)
+    recording = read(path, unit=unit, up=up, skeleton=skeleton, subject=subject, rate=rate)
     if max_seconds is not None:
         recording = _start(recording, max_seconds)
     _, motion = _actor_in(recording, mass, hold_floor=hold_floor)

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from physretarget.capture.reader import ReadOptions
 from physretarget.capture.recording import Floats, JointRecording, sha256_of
 from physretarget.capture.skeleton import Raw, chain_positions, finish
 from physretarget.capture.text import decoded
@@ -63,6 +64,11 @@ def find_asf(path: Path) -> Path:
         f"An AMC motion needs its ASF skeleton; beside it there is {found}: tell the skeleton.",
         path=path,
     )
+
+
+def read(path: str | Path, options: ReadOptions) -> JointRecording:
+    """Read a motion as the registry of readers does; see :func:`read_amc`."""
+    return read_amc(path, skeleton=options.skeleton, unit=options.unit, up=options.up)
 
 
 def read_amc(

@@ -17,10 +17,16 @@ import numpy as np
 
 from physretarget.capture.bvh_hierarchy import Hierarchy, parse_hierarchy
 from physretarget.capture.bvh_motion import parse_motion
+from physretarget.capture.reader import ReadOptions
 from physretarget.capture.recording import Floats, JointRecording, sha256_of
 from physretarget.capture.skeleton import Raw, chain_positions, finish, nice_rate, one_person
 from physretarget.capture.text import decoded, plain_numbers
 from physretarget.errors import InputError
+
+
+def read(path: str | Path, options: ReadOptions) -> JointRecording:
+    """Read a BVH file as the registry of readers does; see :func:`read_bvh`."""
+    return read_bvh(path, unit=options.unit, up=options.up, subject=options.subject)
 
 
 def read_bvh(

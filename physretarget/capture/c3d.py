@@ -11,7 +11,8 @@ import ezc3d
 import numpy as np
 
 from physretarget.capture.c3d_check import check
-from physretarget.capture.marker_file import RawMarkers, finish, read_bytes
+from physretarget.capture.marker_file import RawMarkers, finish, markers_of, read_bytes
+from physretarget.capture.reader import ReadOptions
 from physretarget.capture.recording import Floats, ForcePlate, MarkerRecording
 from physretarget.errors import InputError
 
@@ -32,6 +33,12 @@ _UNNAMED = re.compile(
     r"^(\*\d*|u\d+|unlabel\w*|uname\*?\d*|unnamed\w*|trajectory\W?\d+|c_\d+|)$", re.I
 )
 _UNLOADED = 20.0  # N; below this a centre of pressure is noise (ISB usage: 10 to 20 N)
+
+
+def read(path: str | Path, options: ReadOptions) -> MarkerRecording:
+    """Read a file as the registry of readers does; see :func:`read_c3d`."""
+    found = read_c3d(path, unit=options.unit, up=options.up)
+    return found if options.subject is None else markers_of(found, options.subject)
 
 
 def read_c3d(

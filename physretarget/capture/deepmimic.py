@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from physretarget.capture.reader import ReadOptions
 from physretarget.capture.recording import Floats, JointRecording, sha256_of
 from physretarget.capture.skeleton import Raw, chain_positions, finish, nice_rate
 from physretarget.errors import InputError
@@ -48,6 +49,11 @@ _ENDS = {
     "right_wrist_end": (8, (0.0, -0.07, 0.0)),
     "left_wrist_end": (14, (0.0, -0.07, 0.0)),
 }
+
+
+def read(path: str | Path, options: ReadOptions) -> JointRecording:
+    """Read a motion as the registry of readers does; see :func:`read_deepmimic`."""
+    return read_deepmimic(path, unit=options.unit, up=options.up)
 
 
 def read_deepmimic(

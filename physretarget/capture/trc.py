@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from physretarget.capture.marker_file import RawMarkers, finish, read_bytes
+from physretarget.capture.marker_file import RawMarkers, finish, markers_of, read_bytes
+from physretarget.capture.reader import ReadOptions
 from physretarget.capture.recording import Floats, MarkerRecording
 from physretarget.capture.text import decoded, plain_numbers
 from physretarget.errors import InputError
@@ -24,6 +25,12 @@ class _Header:
     unit: str | None
     labels: tuple[str, ...]
     first: int  # index of the first line that may hold data
+
+
+def read(path: str | Path, options: ReadOptions) -> MarkerRecording:
+    """Read a file as the registry of readers does; see :func:`read_trc`."""
+    found = read_trc(path, unit=options.unit, up=options.up)
+    return found if options.subject is None else markers_of(found, options.subject)
 
 
 def read_trc(

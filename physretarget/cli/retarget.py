@@ -10,6 +10,7 @@ from typing import Annotated
 
 import typer
 
+from physretarget.capture import READERS
 from physretarget.cli import app
 from physretarget.cli.common import Given, command, fail, progress, say, warn
 from physretarget.errors import PhysretargetError, UsageError
@@ -24,7 +25,7 @@ from physretarget.report.text import one_line
 from physretarget.report.words import count
 from physretarget.validation import RULES, settings_of
 
-CAPTURE_ENDINGS = (".bvh", ".c3d", ".trc", ".amc", ".txt", ".json")
+CAPTURE_ENDINGS = tuple(dict.fromkeys(end for reader in READERS for end in reader.endings))
 
 
 CapturesArgument = Annotated[

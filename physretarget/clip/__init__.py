@@ -8,7 +8,7 @@ qpos arrays; every guess it makes is a sentence in ``Clip.notes``.
 
 from __future__ import annotations
 
-from physretarget.clip.arrays import Members
+from physretarget.archives.arrays import Members
 from physretarget.clip.core import Clip, LongClip, Motion
 from physretarget.clip.load import CLIP_SUFFIXES, load_clip, open_clip
 from physretarget.files import npz_bytes, write_file

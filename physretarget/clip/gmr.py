@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from physretarget.clip.arrays import Frames, Members, as_floats, texts
-from physretarget.clip.joblib_pickle import MARK, unpickle_joblib
-from physretarget.clip.pickles import unpickle
+from physretarget.archives.arrays import Frames, Members, as_floats, texts
+from physretarget.archives.joblib_pickle import MARK, unpickle_joblib
+from physretarget.archives.pickles import unpickle
 from physretarget.clip.raw import Raw, rows_of
 from physretarget.errors import InputError
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from physretarget.clip.arrays import Members
+from physretarget.archives.arrays import Members
 from physretarget.clip.raw import Raw, rows_of
 from physretarget.errors import InputError
 

@@ -12,7 +12,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from physretarget.clip.arrays import MAX_BYTES, Frames
+from physretarget.archives.arrays import MAX_BYTES, Frames
 from physretarget.clip.core import Floats
 from physretarget.clip.raw import Raw, rows_of
 from physretarget.errors import InputError, MissingExtraError, UnsafeInputError

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
+from physretarget.archives.arrays import MAX_BYTES, Members, npy_frames
 from physretarget.clip import (
     gmr,
     isaaclab,
@@ -20,7 +21,6 @@ from physretarget.clip import (
     protomotions,
     table,
 )
-from physretarget.clip.arrays import MAX_BYTES, Members, npy_frames
 from physretarget.clip.core import Clip, LongClip
 from physretarget.clip.raw import Layout, Raw, Told, finish, order_of
 from physretarget.clip.unit import unit_scale

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from physretarget.clip.arrays import Frames, Members, as_floats
+from physretarget.archives.arrays import Frames, Members, as_floats
 from physretarget.clip.raw import Raw, rows_of
 from physretarget.errors import InputError
 

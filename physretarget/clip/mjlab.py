@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget import kinematics
-from physretarget.clip.arrays import Frames, Members
+from physretarget.archives.arrays import Frames, Members
 from physretarget.clip.core import Floats
 from physretarget.clip.raw import Layout, Raw, Told, rows_of
 from physretarget.clip.scratch import Rows

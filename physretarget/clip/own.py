@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 
-from physretarget.clip.arrays import Members
+from physretarget.archives.arrays import Members
 from physretarget.clip.raw import Raw, rows_of
 from physretarget.errors import InputError
 

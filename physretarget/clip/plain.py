@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from physretarget.clip.arrays import Frames, Members
+from physretarget.archives.arrays import Frames, Members
 from physretarget.clip.raw import Raw, rows_of
 
 _RATES = ("fps", "frequency", "frame_rate", "framerate")

@@ -16,8 +16,8 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from physretarget.clip.arrays import MAX_BYTES, ZIP_DAMAGE, Frames, as_floats
-from physretarget.clip.pickles import DAMAGE, check_opcodes, check_written_out
+from physretarget.archives.arrays import MAX_BYTES, ZIP_DAMAGE, Frames, as_floats
+from physretarget.archives.pickles import DAMAGE, check_opcodes, check_written_out
 from physretarget.clip.raw import Raw, rows_of
 from physretarget.errors import InputError, UnsafeInputError
 

@@ -10,7 +10,7 @@ from typing import Protocol, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from physretarget.clip.arrays import Frames
+from physretarget.archives.arrays import Frames
 from physretarget.clip.core import Bools, Floats, LongClip
 from physretarget.clip.quaternion import Lengths, QuatOrder, decide_order, doubt_order
 from physretarget.clip.scratch import Rows

@@ -10,12 +10,12 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from physretarget.archives.arrays import PART
+
 Floats = NDArray[np.float64]
 
 # Some minutes of a robot's motion: shorter clips never touch a disk.
 HELD_BYTES = 4 << 20
-# Frames that are handled at a time.
-PART = 1024
 _FLOAT = np.dtype(np.float64)
 
 

@@ -16,10 +16,11 @@ from typing import IO
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from physretarget.archives.arrays import PART
 from physretarget.clip.core import Floats
 from physretarget.clip.quaternion import QuatOrder
 from physretarget.clip.raw import Raw
-from physretarget.clip.scratch import PART, Rows
+from physretarget.clip.scratch import Rows
 from physretarget.errors import InputError
 
 _TIME = ("time", "t", "time_s", "timestamp")

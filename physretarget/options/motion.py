@@ -17,7 +17,7 @@ CLIP_UNITS: Mapping[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.
 # The CMU database's Acclaim files count in units of 1/0.45 inch.
 CAPTURE_UNITS: Mapping[str, float] = {**CLIP_UNITS, "cmu": 0.0254 / 0.45}
 """Metres per unit."""
-CAPTURES = "BVH, C3D, TRC, AMC or DeepMimic"
+CAPTURES = "BVH, C3D, TRC, AMC, SMPL, FBX, glTF, USD, MVNX, Motive, Qualisys or key point"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,6 +86,10 @@ class CaptureOptions:
     subject: str | None = option(
         None, help="Whom to take of several people: the name before the colon of labels or joints, "
         "or a number from 1.", default_text="the first, or the best marked", advanced=True,
+    )  # fmt: skip
+    rate: float | None = option(
+        None, help="Frame rate of a capture that does not say.", unit="fps", least=1, most=1000,
+        default_text="from the file", advanced=True, label="Capture's frame rate",
     )  # fmt: skip
     hold_floor: bool = option(
         False, help="Take out the motion of a floor that moves: a treadmill's belt, a drift.",

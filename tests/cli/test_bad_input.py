@@ -89,8 +89,8 @@ def test_missing_capture_folder_and_unknown_format(refused, tmp_path: Path) -> N
     out = ("--out", tmp_path / "out.npz")
     refused("retarget", tmp_path / "no.bvh", *LAMP, *QUICK, *out, says=r"no\.bvh: .*not exist")
     refused("retarget", tmp_path, *LAMP, *QUICK, *out, says="folder")
-    (tmp_path / "a.fbx").write_text("x")
-    refused("retarget", tmp_path / "a.fbx", *LAMP, *QUICK, *out, says="BVH")
+    (tmp_path / "a.xlsx").write_text("x")
+    refused("retarget", tmp_path / "a.xlsx", *LAMP, *QUICK, *out, says="BVH")
 
 
 def test_unknown_markers(refused, tmp_path: Path) -> None:

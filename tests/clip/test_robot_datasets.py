@@ -300,7 +300,7 @@ def test_the_same_walk_as_its_twin(data: Path) -> None:
 
 @pytest.mark.parametrize("protocol", range(6))
 def test_arrays_of_every_plain_type_come_through(tmp_path: Path, protocol: int) -> None:
-    from physretarget.clip.pickles import unpickle
+    from physretarget.archives.pickles import unpickle
 
     arrays = {
         "little": np.arange(6, dtype="<f4").reshape(2, 3),

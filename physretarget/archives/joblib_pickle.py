@@ -1,7 +1,7 @@
 """joblib's pickles (PHC, ASAP): arrays stand as raw bytes between the pickle's own.
 
-The same restricted reading as :mod:`physretarget.clip.pickles`, in Python, since the bytes of an
-array must be taken out of the stream where its description ends.
+The same restricted reading as :mod:`physretarget.archives.pickles`, in Python, since the bytes of
+an array must be taken out of the stream where its description ends.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from physretarget.clip.pickles import (
+from physretarget.archives.pickles import (
     DAMAGE,
     FORBIDDEN,
     RESTORED,

@@ -21,9 +21,11 @@ from typing import IO, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from physretarget.clip.pickles import unpickle
-from physretarget.clip.scratch import PART
+from physretarget.archives.pickles import unpickle
 from physretarget.errors import InputError, UnsafeInputError
+
+PART = 1024
+"""Frames read at a time."""
 
 # One hour of a 100-coordinate character at 1 kHz is 2.9 GB of float64: more is not a clip.
 MAX_BYTES = 4 * 1024**3
