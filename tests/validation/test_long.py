@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from physretarget.clip import Clip, arrays, load_clip, open_clip, scratch, table
+from physretarget.archives import arrays
+from physretarget.clip import Clip, load_clip, open_clip, scratch, table
 from physretarget.clip.scratch import Rows, Scratch
 from physretarget.errors import InputError
 from physretarget.mjcf import Character
