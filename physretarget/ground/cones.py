@@ -19,19 +19,18 @@ second-order cone,
     r = W^-1 y,  S_i f_i = P(z_i) / rho_i
 
 is strongly convex with a piecewise smooth gradient: a semismooth Newton method with a line
-search solves all frames at once (Qi and Sun 1993). The few frames where it zigzags go through
-an interior-point method first. Where y is found it is the derivative of the minimum by b, and
+search solves all frames at once (Qi and Sun 1993). In the few frames where it zigzags between the
+faces of the cones, force is made dear first, which rounds them off, and cheaper step by step. Where
+y is found it is the derivative of the minimum by b, and
 the inverse of phi's Hessian, (W^-1 + sum A_i S_i^-1 P' S_i^-1 A_i^T / rho_i)^-1, the second.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-
-from physretarget.ground.interior import interior_point
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -43,8 +42,10 @@ _ROUNDING = 1e-15
 # Ice: a cone of no width has no inside.
 _SMOOTHEST = 1e-3
 _TOLERANCE = 1e-8
-# Most frames need fewer steps; those that zigzag begin again from inside the cones.
-_ITERATIONS, _LAST_ITERATIONS = 18, 30
+# Most frames need fewer steps, at the price that force has; those that zigzag begin again, with
+# force that costs at least so much.
+_ITERATIONS = 30
+_AT_ONCE, _STEP_BY_STEP = (0.0,), (*np.geomspace(1e-2, 1e-7, 11).tolist(), 0.0)
 # Lengths that a step is tried with, (L, 1) at once: few frames are left after the first.
 _LENGTHS = [0.5 ** np.arange(a, b)[:, None] for a, b in ((0, 1), (1, 2), (2, 6), (6, 14), (14, 30))]
 _SHORTEST = 0.5**30
@@ -96,6 +97,10 @@ class _Problem:
             self.arm[:, points], self.inv[points], number[self.frame[points]] - 1,
             self.b[:, chosen], having[having > 0], self.friction[points], self.slack,
         )  # fmt: skip
+
+    def priced(self, least: float) -> _Problem:
+        """The problem with force that costs at least so much everywhere."""
+        return replace(self, inv=np.minimum(self.inv, 1 / least)) if least > 0 else self
 
     def seen(self, y: Floats) -> Floats:
         """(3, P) z of every point: S^-1 A^T y."""
@@ -173,14 +178,15 @@ def fit_forces(
     curved = np.tile(np.diag(1 / slack[:, 0]), (len(mask), 1, 1)) if curvature else None
     counts = mask.sum(axis=1)
     rows = np.argsort(-counts, kind="stable")[: np.count_nonzero(counts)]
-    begun: Floats | None = None
     iterations = 0
-    # Most frames converge at once, the rest from inside the cones.
-    for most in (_ITERATIONS, _LAST_ITERATIONS):
+    for least_prices in (_AT_ONCE, _STEP_BY_STEP):
         if len(rows) == 0:
             break
         problem, pick = _gathered(arm, mask, weight, wrench, rows, rough, slack)
-        y, done, used = _newton(problem, _start(problem) if begun is None else begun, most)
+        y = _start(problem)
+        for least in least_prices:
+            y, done, used = _newton(problem.priced(least), y)
+            iterations += used
         scaled = _project(problem.seen(y), problem.inv)[0]
         force[pick] = _unscaled(scaled, problem.friction).T
         residual[rows] = (problem.b - problem.wrench(scaled)).T
@@ -188,10 +194,8 @@ def fit_forces(
         if curved is not None:
             hessian = _derivatives(problem, y, problem.seen(y))[1]
             curved[rows] = np.linalg.inv(hessian.transpose(2, 0, 1))
-        converged[rows], iterations = done, iterations + used
+        converged[rows] = done
         rows = rows[~done]
-        if begun is None and len(rows):
-            begun = _from_inside(arm, mask, weight, wrench, rows, rough, slack)
     return ConeFit(force, residual, iterations, converged, gradient, curved)
 
 
@@ -216,54 +220,20 @@ def _gathered(
     return problem, pick
 
 
-def _from_inside(
-    arm: Floats,
-    mask: Bools,
-    weight: Floats,
-    wrench: Floats,
-    rows: Ints,
-    friction: Floats,
-    slack: Floats,
-) -> Floats:
-    """(6, B) where the interior-point method ends. A point that is not there maps to nothing."""
-    width = int(mask[rows].sum(axis=1).max())
-    columns = np.argsort(~mask[rows], axis=1, kind="stable")[:, :width]
-    pick = (rows[:, None], columns)
-    maps = _maps(arm[pick], friction[pick]) * mask[pick][..., None, None]
-    cost = np.where(mask[pick], weight[pick], 1.0)
-    # Rows scaled by the root of W: the distance is the plain one.
-    scale = 1 / np.sqrt(slack[:, 0])
-    inside = interior_point((maps * scale).reshape(len(rows), -1, 6), wrench[rows] * scale, cost)
-    return (inside * scale).T
-
-
-def _maps(arm: Floats, friction: Floats) -> Floats:
-    """(T, n, 3, 6): S^-1 A_i^T = S^-1 [1, -(arm x)]."""
-    maps = np.zeros((*arm.shape[:2], 3, 6))
-    maps[..., 0, 0] = maps[..., 1, 1] = maps[..., 2, 2] = 1
-    x, y, z = arm[..., 0], arm[..., 1], arm[..., 2]
-    # moment = arm x f, so the rows of A^T are the columns of the cross-product matrix.
-    maps[..., 0, 4], maps[..., 0, 5] = z, -y
-    maps[..., 1, 3], maps[..., 1, 5] = -z, x
-    maps[..., 2, 3], maps[..., 2, 4] = y, -x
-    maps[..., 2, :] /= friction[..., None]
-    return maps
-
-
 def _start(problem: _Problem) -> Floats:
     """A residual as small as it would be with all points sharing the load."""
     y: Floats = problem.b / problem.sum(problem.inv)
     return y
 
 
-def _newton(problem: _Problem, y: Floats, most: int) -> tuple[Floats, Bools, int]:
+def _newton(problem: _Problem, y: Floats) -> tuple[Floats, Bools, int]:
     """Newton steps with Armijo backtracking until the gradient vanishes."""
     y = y.copy()
     done = np.zeros(y.shape[1], dtype=bool)
     goal = _TOLERANCE * np.maximum(1.0, np.abs(problem.b).max(axis=0))
     live = np.arange(len(done))
     used = 0
-    while used < most:
+    while used < _ITERATIONS:
         used += 1
         z = problem.seen(y[:, live])
         gradient, hessian = _derivatives(problem, y[:, live], z)

@@ -169,3 +169,24 @@ def test_touching_points_are_few_and_outermost() -> None:
     assert found.lowest[0] == pytest.approx(0, abs=1e-12)
     far = np.linalg.norm(found.position[0, :, :2], axis=1)
     np.testing.assert_allclose(far, 0.2, rtol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_forces_in_their_cones_make_is_explained(seed: int) -> None:
+    """Impacts on one side of a body that rolls: forces of several body weights at the edges of
+    their cones, points near each other, arms long beside the height. Nothing remains of a wrench
+    that such forces make."""
+    rng = np.random.default_rng(seed)
+    frames, points, friction = 400, 12, 0.42
+    arm = rng.normal(size=(frames, 1, 3)) + 0.3 * rng.normal(size=(frames, points, 3))
+    arm[..., 2] = -0.9 + 0.05 * rng.normal(size=(frames, points))
+    mask = np.arange(points) < rng.integers(2, points, size=(frames, 1))
+    up = rng.uniform(0, 3, size=(frames, points)) * (rng.random((frames, points)) < 0.4) * mask
+    way = rng.uniform(0, 2 * np.pi, size=(frames, points))
+    along = friction * up * np.where(rng.random((frames, points)) < 0.5, 1.0, 0.5)
+    force = np.stack([along * np.cos(way), along * np.sin(way), up], axis=2)
+    wrench = np.hstack([force.sum(axis=1), np.cross(arm, force).sum(axis=1)])
+    rho = 10 ** rng.uniform(-7, -4, size=mask.shape)
+    fit = fit_forces(arm, mask, wrench, friction=friction, rho=rho, force_weight=1e4)
+    assert fit.converged.all()
+    assert np.abs(fit.residual).max() < 0.02
