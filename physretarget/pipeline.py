@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from physretarget import contact, ik, momentum, ocp, passive
 from physretarget._version import __version__
+from physretarget.acting import Acting, measure_acting, over_budget
 from physretarget.capture.actor import ActorMotion, ActorShape
 from physretarget.clip import Clip
 from physretarget.errors import InputError
@@ -55,7 +56,8 @@ class Retargeted:
     """A capture's way through the stages; stages that did not run are None.
 
     ``motion`` is the actor in its own proportions at the clip's rate, ``reference`` the same
-    on the reference actor; ``y`` (T, D_Y) the actor's features, ``mapped`` the mapper's answer,
+    on the reference actor; ``acting`` is what each stage did to the acting;
+    ``y`` (T, D_Y) the actor's features, ``mapped`` the mapper's answer,
     ``novelty`` which frames no key pose is like. ``seconds`` is the wall time of each stage.
     """
 
@@ -72,6 +74,7 @@ class Retargeted:
     contacted: contact.Contacted | None
     physical: ocp.RootHeight | None
     balanced: WholeBody | None
+    acting: tuple[Acting, ...]
     clip: Clip
     seconds: dict[str, float]
     notes: tuple[str, ...]
@@ -84,16 +87,27 @@ class Retargeted:
 
     def stages(self) -> dict[Stage, Array]:
         """The character's qpos (T, nq) after each stage that ran, in order."""
-        found: dict[Stage, Array] = {"mapped": self.pose.qpos}
-        if self.placed is not None:
-            found["placed"] = self.placed.qpos
-        if self.contacted is not None:
-            found["contacted"] = self.contacted.qpos
-        if self.physical is not None:
-            found["physical"] = self.physical.qpos
-        if self.balanced is not None:
-            found["balanced"] = self.balanced.qpos
-        return found
+        return _clips(self.pose, self.placed, self.contacted, self.physical, self.balanced)
+
+
+def _clips(
+    pose: ik.IkResult,
+    placed: momentum.Placed | None,
+    contacted: contact.Contacted | None,
+    physical: ocp.RootHeight | None,
+    balanced: WholeBody | None,
+) -> dict[Stage, Array]:
+    """The clips of the stages that ran, in order."""
+    found: dict[Stage, Array] = {"mapped": pose.qpos}
+    if placed is not None:
+        found["placed"] = placed.qpos
+    if contacted is not None:
+        found["contacted"] = contacted.qpos
+    if physical is not None:
+        found["physical"] = physical.qpos
+    if balanced is not None:
+        found["balanced"] = balanced.qpos
+    return found
 
 
 @dataclass
@@ -196,6 +210,9 @@ def retarget(
     notes += told
     watch.stop()
 
+    clips = _clips(pose, placed, contacted, physical, balanced)
+    acting = measure_acting(character, {str(k): q for k, q in clips.items()}, motion.time)
+    notes += over_budget(acting)
     final = balanced or physical or contacted or placed or pose
     return Retargeted(
         character=character,
@@ -211,6 +228,7 @@ def retarget(
         contacted=contacted,
         physical=physical,
         balanced=balanced,
+        acting=acting,
         clip=Clip(
             qpos=final.qpos,
             time=motion.time,
@@ -219,7 +237,8 @@ def retarget(
             model_sha256=character.sha256,
             contact_points=character.contacts.names if contacted else (),
             contact_active=_standing(contacted, balanced),
-            meta=_provenance(motion, mapper, settings) | {"novelty": unlike.summary()},
+            meta=_provenance(motion, mapper, settings)
+            | {"novelty": unlike.summary(), "acting": [asdict(each) for each in acting]},
         ),
         seconds=watch.seconds,
         notes=motion.notes + notes,

@@ -20,7 +20,7 @@ from physretarget.keyposes.pose import without_heading
 from physretarget.kinematics import PointTargets, forward, points, solve
 from physretarget.mjcf import Character
 
-__all__ = ["face_of", "gaze_of_actor", "planted_points", "propose"]
+__all__ = ["face_of", "gaze_of_actor", "gazes", "planted_points", "propose"]
 
 Array = NDArray[np.float64]
 
@@ -87,6 +87,14 @@ def face_of(character: Character) -> tuple[int, Array, Array] | None:
         raise InputError(f"custom text 'face' names {name!r}, which is no site of the model")
     turn = Rotation.from_quat(model.site_quat[site], scalar_first=True)
     return int(model.site_bodyid[site]), np.array(model.site_pos[site]), turn.apply([1.0, 0, 0])
+
+
+def gazes(character: Character, qpos: Array) -> Array:
+    """Unit vectors (T, 3) out of the character's face; its front where it has none."""
+    pose = forward(character.tree, qpos)
+    face = face_of(character)
+    body, ahead = (character.root_body, character.front) if face is None else (face[0], face[2])
+    return np.asarray(pose.rotation[:, body] @ ahead)
 
 
 def _actor_heights(actor_qpos: Array) -> dict[str, float]:

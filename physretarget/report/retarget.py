@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,7 @@ from physretarget.report.retarget_data import (
 from physretarget.report.retarget_html import render_retarget_html
 from physretarget.report.retarget_numbers import key_numbers
 from physretarget.trained import TrainedMapper
-from physretarget.validation import Report
+from physretarget.validation import Report, validate
 
 Array = NDArray[np.float64]
 
@@ -71,8 +72,14 @@ def retarget_data(result: Retargeted, mapper: TrainedMapper, report: Report) -> 
         character=result.character,
         character_name=result.character.name,
         stages=tuple(
-            StageMotion(label=name, qpos=qpos, note=_STAGE_NOTES[name])
-            for name, qpos in result.stages().items()
+            StageMotion(
+                label=name,
+                qpos=qpos,
+                note=_STAGE_NOTES[name],
+                acting=acting,
+                errors=_errors(result, report, qpos),
+            )
+            for (name, qpos), acting in zip(result.stages().items(), result.acting, strict=True)
         ),
         contact_active=contacted.active if contacted else None,
         actor_contact_active=_actor_contacts(result),
@@ -86,6 +93,13 @@ def retarget_data(result: Retargeted, mapper: TrainedMapper, report: Report) -> 
         notes=result.notes,
         sections=_sections(result, mapper),
     )
+
+
+def _errors(result: Retargeted, report: Report, qpos: Array) -> int:
+    """Of a stage's clip, by the validator that judged the last one."""
+    if np.array_equal(qpos, result.clip.qpos):
+        return report.errors
+    return validate(replace(result.clip, qpos=qpos), result.character).errors
 
 
 def _actor_contacts(result: Retargeted) -> NDArray[np.bool_] | None:

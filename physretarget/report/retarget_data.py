@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from physretarget.acting import Acting
 from physretarget.errors import UsageError
 from physretarget.replay.figures import Modelled
 from physretarget.replay.scene import Forces
@@ -19,11 +20,17 @@ Bools = NDArray[np.bool_]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StageMotion:
-    """The character after one stage: ``qpos`` (T, nq); ``note`` says briefly what changed."""
+    """The character after one stage: ``qpos`` (T, nq); ``note`` says briefly what changed.
+
+    ``acting`` is what the stage did to the acting, and ``errors`` how many the validator finds in
+    its clip; None where nobody looked.
+    """
 
     label: str
     qpos: Array
     note: str = ""
+    acting: Acting | None = None
+    errors: int | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

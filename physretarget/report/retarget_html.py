@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -19,11 +20,39 @@ from physretarget.report.document import (
     measure_tiles,
 )
 from physretarget.report.page import contact_plots, finding_plots, render_page
-from physretarget.report.retarget_data import RetargetReport
+from physretarget.report.retarget_data import RetargetReport, StageMotion
 from physretarget.report.stills import Row, stills
 from physretarget.report.words import number
 
 STRIP_COLUMNS = 8
+
+
+def acting_rows(stages: tuple[StageMotion, ...]) -> list[dict[str, str]]:
+    """Errors and acting of every stage, as text."""
+    rows = []
+    for stage in stages:
+        acting = stage.acting
+        if acting is None:
+            return []
+
+        def shown(value: float | None, form: str) -> str:
+            return "–" if value is None else format(value, form)
+
+        rows.append(
+            {
+                "stage": stage.label,
+                "since": acting.since or "",
+                "errors": shown(stage.errors, "d"),
+                "moved": shown(acting.moved, ".1%"),
+                "gaze": shown(acting.gaze_error_deg, ".1f"),
+                "gaze_speed": shown(acting.gaze_speed_deg_s, ".0f"),
+                "joint_speed": shown(acting.joint_speed_rad_s, ".1f"),
+                "joint_step": shown(math.degrees(acting.joint_step_rad), ".1f"),
+                "lag": shown(acting.lag_s, "+.3f"),
+                "hop": shown(acting.hop, ".1%"),
+            }
+        )
+    return rows
 
 
 def render_retarget_html(data: RetargetReport, *, painted: bool = False) -> str:
@@ -64,6 +93,7 @@ def render_retarget_html(data: RetargetReport, *, painted: bool = False) -> str:
             "capture": data.capture,
             "character_name": data.character_name,
             "rows": data.stages,
+            "deeds": acting_rows(data.stages),
             "tiles": [
                 {
                     "label": item.label,

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from physretarget import ik, kinematics, mapping
-from physretarget.keyposes.propose import face_of
-from physretarget.mjcf import Character
+from physretarget import ik, mapping
+from physretarget.keyposes.propose import gazes
 
 if TYPE_CHECKING:
     from physretarget.reproduce.studies import Subject
@@ -50,14 +49,6 @@ def reach(own: Subject, which: str, removed: NDArray[np.bool_]) -> dict[str, Any
         "down": float(pitch.min()),
         "down_posed": float(pitch_posed.min()),
     }
-
-
-def gazes(character: Character, qpos: Array) -> Array:
-    """Unit vectors (T, 3) out of the character's face; its front where it has none."""
-    pose = kinematics.forward(character.tree, qpos)
-    face = face_of(character)
-    body, ahead = (character.root_body, character.front) if face is None else (face[0], face[2])
-    return np.asarray(pose.rotation[:, body] @ ahead)
 
 
 def _pitch(gaze: Array) -> Array:
