@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import types
 from collections.abc import Iterable, Mapping
-from dataclasses import MISSING, Field, dataclass, field, fields
+from dataclasses import MISSING, Field, dataclass, field, fields, replace
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -38,6 +38,7 @@ class Option:
     """What every surface needs to know of an option; made by :func:`options_of`.
 
     Attributes:
+        help: one or two sentences, without default and range, which are appended.
         name: as it is written: ``joint_order`` in files and JSON, ``--joint-order`` on the
             command line.
         field: the attribute of its settings class.
@@ -45,7 +46,6 @@ class Option:
         many: takes several values.
         depth: of a table: 1 for ``{CODE: value}``, 2 for ``{CODE: {name: value}}``.
         default: the value where none is given; None: see ``default_text``. MISSING: required.
-        help: one or two sentences, without default and range, which are appended.
         unit: of a number.
         choices: the words allowed.
         or_metres: a text may also be a number written out, metres per unit.
@@ -60,27 +60,27 @@ class Option:
         label: in the web form.
     """
 
-    name: str
-    field: str
-    kind: Kind
-    many: bool
-    depth: int
-    default: Any
     help: str
-    unit: str
-    choices: tuple[str, ...]
-    or_metres: bool
-    or_file: str
-    least: float | None
-    most: float | None
-    above: float | None
-    zero_for_none: bool
-    word: str
-    default_text: str
-    aliases: tuple[str, ...]
-    metavar: str
-    advanced: bool
-    label: str
+    name: str = ""
+    field: str = ""
+    kind: Kind = "text"
+    many: bool = False
+    depth: int = 0
+    default: Any = MISSING
+    unit: str = ""
+    choices: tuple[str, ...] = ()
+    or_metres: bool = False
+    or_file: str = ""
+    least: float | None = None
+    most: float | None = None
+    above: float | None = None
+    zero_for_none: bool = False
+    word: str = ""
+    default_text: str = ""
+    aliases: tuple[str, ...] = ()
+    metavar: str = ""
+    advanced: bool = False
+    label: str = ""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -303,37 +303,16 @@ def _shown(value: Any) -> str:
     return text if len(text) <= 100 else f"{text[:97]}…"
 
 
-def option(
-    default: Any = MISSING,
-    *,
-    help: str,
-    name: str = "",
-    unit: str = "",
-    choices: tuple[str, ...] = (),
-    or_metres: bool = False,
-    or_file: str = "",
-    least: float | None = None,
-    most: float | None = None,
-    above: float | None = None,
-    zero_for_none: bool = False,
-    word: str = "",
-    default_text: str = "",
-    aliases: tuple[str, ...] = (),
-    metavar: str = "",
-    advanced: bool = False,
-    label: str = "",
-) -> Any:
-    """Declare an option as the default of a dataclass's field; :class:`Option` says what is what.
+def option(default: Any = MISSING, *, help: str, **more: Any) -> Any:
+    """Declare an option as the default of a dataclass's field.
 
-    Type, several values and (of a Literal) choices come from the field's annotation.
+    Args:
+        default: see :class:`Option`; required without.
+        help: see :class:`Option`.
+        more: other attributes of :class:`Option`. Type, several values and (of a Literal) choices
+            come from the field's annotation.
     """
-    told = {
-        "help": help, "name": name, "unit": unit, "choices": choices, "or_metres": or_metres,
-        "or_file": or_file, "least": least, "most": most, "above": above,
-        "zero_for_none": zero_for_none, "word": word, "default_text": default_text,
-        "aliases": aliases, "metavar": metavar, "advanced": advanced, "label": label,
-    }  # fmt: skip
-    metadata = {"option": told}
+    metadata = {"option": Option(help=help, default=default, **more)}
     if isinstance(default, Mapping):
         return field(default_factory=lambda: dict(default), metadata=metadata)
     return field(default=default, metadata=metadata)
@@ -349,24 +328,21 @@ def options_of(group: type) -> tuple[Option, ...]:
 
 
 def _made(entry: Field[Any], hint: Any) -> Option:
-    told = dict(entry.metadata["option"])
-    default = entry.default if entry.default_factory is MISSING else entry.default_factory()
+    told: Option = entry.metadata["option"]
     if get_origin(hint) in (Union, types.UnionType):
         hint = next(each for each in get_args(hint) if each is not type(None))
-    many, depth = get_origin(hint) is tuple, 0
+    many, depth, choices, default = get_origin(hint) is tuple, 0, told.choices, told.default
     if many:
         hint = get_args(hint)[0]
     while get_origin(hint) is Mapping:
         hint, depth = get_args(hint)[1], depth + 1
-    if told["word"]:
-        told["choices"], hint, default = (told["word"],), str, None
+    if told.word:
+        choices, hint, default = (told.word,), str, None
     if get_origin(hint) is Literal:
-        told["choices"], hint = get_args(hint), str
-    return Option(
-        **told | {
-            "name": told["name"] or entry.name, "field": entry.name, "many": many,
-            "kind": "table" if depth else _KINDS[hint], "depth": depth, "default": default,
-        }
+        choices, hint = get_args(hint), str
+    return replace(
+        told, name=told.name or entry.name, field=entry.name, many=many, depth=depth,
+        kind="table" if depth else _KINDS[hint], choices=choices, default=default,
     )  # fmt: skip
 
 

@@ -10,6 +10,7 @@ from typing import Literal
 from physretarget.options.declaration import check, option
 
 Profile = Literal["animation", "robot"]
+Verdict = Literal["passed", "failed", "not judged"]
 Severity = Literal["error", "warning"]
 Require = Literal["dynamics", "contact", "torques"]
 Format = Literal["text", "json", "sarif", "junit", "markdown", "html"]

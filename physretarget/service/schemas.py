@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from physretarget.validation.report import Verdict
+from physretarget.options.judging import Verdict
 
 Id = Annotated[str, Field(pattern=r"^[0-9a-z]{26}$", examples=["01jd3m7x6v3k9q4t8w2z5y0abc"])]
 Kind = Literal["validate", "retarget"]

@@ -17,13 +17,13 @@ from pathlib import Path
 from typing import Any, Literal, Protocol, get_args
 
 from physretarget.errors import PhysretargetError
+from physretarget.options.judging import Verdict
 from physretarget.sandbox.child import ChildError, open_result
 from physretarget.sandbox.limits import Limits
 from physretarget.service.home import Home, remove
 from physretarget.service.metrics import Metrics
 from physretarget.service.work import prepare
 from physretarget.suite.queue import ATTEMPTS, JobRecord, Queue
-from physretarget.validation.report import Verdict
 
 log = logging.getLogger("physretarget.service.worker")
 

@@ -9,11 +9,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from physretarget.options.judging import Severity
+from physretarget.options.judging import Severity, Verdict
 
 SCHEMA = "physretarget/report/1"
 Status = Literal["checked", "not-covered"]
-Verdict = Literal["passed", "failed", "not judged"]
 
 # What can be required to have been judged, and the rule that says whether it was.
 REQUIRABLE = {"dynamics": "DYN001", "contact": "CON001", "torques": "DYN008"}
