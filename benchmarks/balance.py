@@ -2,7 +2,8 @@
 
     python -m benchmarks.balance [--data FOLDER] [--only penguin/ …] [--picture FILE.png]
 
-The clip of stage ``physical`` beside that of ``balanced``, judged by the validator. ``--picture``
+The clip of stage ``contacted``, with which it begins, beside that of ``balanced``, judged by the
+validator. ``--picture``
 draws a penguin's walk and the lamp's jump, before above after.
 """
 
@@ -32,6 +33,8 @@ from physretarget.validation import Report, validate
 Array = NDArray[np.float64]
 
 WHEEL = ("jump", "walk", "run", "kick")
+INFEASIBLE = 0.1
+"""BW that no force explains."""
 C3D = ("85_02", "cmu_dribble_shoot_basketball")
 
 
@@ -58,6 +61,8 @@ class Pair:
     moved: float
     most: float
     computed: float
+    infeasible: tuple[float, ...]
+    gaze: float
 
 
 def takes(data: Path) -> list[Take]:
@@ -98,25 +103,34 @@ def _frames(report: Report, frames: int) -> NDArray[np.bool_]:
 
 def pair(take: Take) -> Pair:
     result = retarget(capture.load(take.capture), learned(models_folder(), take.character))
-    assert result.physical is not None
+    assert result.contacted is not None
     assert result.balanced is not None
+    by_stage = {each.stage: each for each in result.acting}
+    gaze = [by_stage[name].gaze_speed_deg_s for name in ("contacted", "balanced")]
     height = result.character.height
     return Pair(
         name=take.name,
         frames=result.clip.frames,
         duration=result.clip.duration,
-        before=side(result, result.physical.qpos),
+        before=side(result, result.contacted.qpos),
         after=side(result, result.balanced.qpos),
         moved=float(np.sqrt(np.mean(result.balanced.moved**2))) / height,
         most=float(result.balanced.moved.max()) / height,
         computed=result.seconds["balance"],
+        infeasible=tuple(
+            float(np.sum(left > INFEASIBLE))
+            for left in (result.balanced.unexplained_before, result.balanced.unexplained_after)
+        ),
+        gaze=gaze[1] / max(gaze[0], 1.0),
     )
 
 
 HEADER = (
     "| takes | number | s | errors | frames with errors | takes with errors "
     "| pose moved, of height (RMS / most) | depth, mm | skating, cm/s | jerk, m/s³ "
-    "| computed, s per s |\n|" + "---|" * 11
+    "| computed, s per s | frames above 0.1 BW | peak gaze speed, of before (mean / most) |\n|"
+    + "---|"
+    * 13
 )
 
 
@@ -137,6 +151,8 @@ def row(name: str, some: list[Pair]) -> str:
         " → ".join(f"{100 * max(s.skate for s in each):.1f}" for each in sides),
         " → ".join(f"{np.mean([s.shake for s in each]):.0f}" for each in sides),
         f"{sum(p.computed for p in some) / seconds:.2f}",
+        " → ".join(f"{sum(p.infeasible[k] for p in some) / frames:.2%}" for k in (0, 1)),
+        f"{np.mean([p.gaze for p in some]):.2f} / {max(p.gaze for p in some):.2f}",
     ]
     return "| " + " | ".join(cells) + " |"
 
@@ -168,12 +184,12 @@ def picture(data: Path, out: Path) -> None:
     rows = []
     for name, path, (first, last), azimuth in shots:
         result = retarget(capture.load(path), learned(models_folder(), name))
-        assert result.physical is not None
+        assert result.contacted is not None
         assert result.balanced is not None
         at = np.linspace(first, last, 9) * (result.clip.frames - 1)
-        for qpos in (result.physical.qpos, result.balanced.qpos):
+        for qpos in (result.contacted.qpos, result.balanced.qpos):
             rows.append(
-                _strip(result.character, qpos, result.physical.qpos, at.astype(int), azimuth)
+                _strip(result.character, qpos, result.contacted.qpos, at.astype(int), azimuth)
             )
     Image.fromarray(np.concatenate(rows)).save(out, optimize=True)
 

@@ -36,6 +36,7 @@ from physretarget.options.declaration import Option, build, check, option, optio
 from physretarget.options.schema import (
     CHECK,
     CONVERT,
+    FIX,
     FORCES,
     INSPECT,
     JOBS,
@@ -59,6 +60,7 @@ from physretarget.options.schema import (
 __all__ = [
     "CHECK",
     "CONVERT",
+    "FIX",
     "FORCES",
     "INSPECT",
     "JOBS",

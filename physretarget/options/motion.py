@@ -167,6 +167,16 @@ class ConversionOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
+class FixOutput:
+    """Where mended clips go."""
+
+    out: Path = option(help="The mended clip, an .npz file; a folder for several.", metavar="FIXED")
+    report: Path | None = option(
+        None, help="Folder for pages of the clip before and after.", metavar="DIR"
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
 class ReplayOptions:
     """Where a clip is shown."""
 

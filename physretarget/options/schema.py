@@ -33,6 +33,7 @@ from physretarget.options.motion import (
     ClipModel,
     ClipOptions,
     ConversionOptions,
+    FixOutput,
     InspectionOutput,
     ReplayOptions,
     Resampling,
@@ -148,6 +149,12 @@ INSPECT = Schema(
     name="inspect", files=(SkeletonFile,), shared=(CaptureOptions,), here=(InspectionOutput,)
 )
 STREAM = Schema(name="stream", shared=(StreamOptions, Resampling), here=(StreamSource,))
+FIX = Schema(
+    name="fix",
+    files=(ClipModel, ConfigFile),
+    shared=(ValidationOptions, ClipOptions),
+    here=(FixOutput,),
+)
 CONVERT = Schema(name="convert", shared=(ClipOptions,), here=(ConversionOptions,))
 REPLAY = Schema(name="replay", files=(ClipModel,), shared=(ClipOptions,), here=(ReplayOptions,))
 LIBRARY = Schema(name="face library", files=(RigFile,), here=(LibraryOptions,))

@@ -32,6 +32,7 @@ from physretarget.wholebody.support import (
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Ints = NDArray[np.int64]
 
 FEWEST = 5
 """Frames below which there is nothing to mend."""
@@ -90,24 +91,52 @@ def balance(
         return WholeBody(qpos, stands, still, still, still, "nothing to mend", 0, 0.0)
     support = support_of(character, qpos, stands, settings)
     before = unexplained(character, qpos, time, support)
-    moved, iterations, status = qpos.copy(), 0, "converged"
-    for window in _windows(time, before, settings):
-        task = _task(character, qpos, time, stands, support, window, settings)
-        outcome = solve(task, moved[window.seen])
-        moved[window.free] = outcome.state.qpos[~task.fixed]
-        iterations += outcome.iterations
-        status = outcome.status if outcome.status != "converged" else status
-    moved = _within_limits(character, qpos, moved)
+    contacts = character.contacts
+    place = kinematics.trajectories(character.tree, qpos, contacts.body, contacts.local)
+    held = Held(contacts.body, contacts.local, place, stands, sunk=True)
+    moved, iterations, status = settle(character, qpos, time, held, support, before, settings)
     return WholeBody(
         qpos=moved,
         active=stands,
-        moved=_displaced(character, qpos, moved),
+        moved=displacement(character, qpos, moved),
         unexplained_before=before,
         unexplained_after=unexplained(character, moved, time, support) if iterations else before,
         status=status if iterations else "nothing to mend",
         iterations=iterations,
         seconds=clock.perf_counter() - began,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """Points of bodies (P,) at ``local`` (P, 3) that belong to ``place`` (T, P, 3), firmly while
+    they ``stand`` (T, P). ``sunk``: what the clip has in the floor may stay there."""
+
+    body: Ints
+    local: Array
+    place: Array
+    stand: Flags
+    sunk: bool
+
+
+def settle(
+    character: Character,
+    qpos: Array,
+    time: Array,
+    held: Held,
+    support: Support,
+    trouble: Array,
+    settings: WholeBodySettings,
+) -> tuple[Array, int, str]:
+    """The clip moved near frames of more than quiet ``trouble`` (T,), iterations and status."""
+    moved, iterations, status = qpos.copy(), 0, "converged"
+    for window in _windows(time, trouble, settings):
+        task = _task(character, qpos, time, held, support, window, settings)
+        outcome = solve(task, moved[window.seen])
+        moved[window.free] = outcome.state.qpos[~task.fixed]
+        iterations += outcome.iterations
+        status = outcome.status if outcome.status != "converged" else status
+    return _within_limits(character, qpos, moved), iterations, status
 
 
 def unexplained(character: Character, qpos: Array, time: Array, support: Support) -> Array:
@@ -168,16 +197,19 @@ def whole_window(
     character: Character, qpos: Array, time: Array, stands: Flags, settings: WholeBodySettings
 ) -> Window:
     """A clip as one window in which all frames move."""
+    contacts = character.contacts
+    place = kinematics.trajectories(character.tree, qpos, contacts.body, contacts.local)
+    held = Held(contacts.body, contacts.local, place, stands, sunk=True)
     support = support_of(character, qpos, stands, settings)
     every = slice(0, len(qpos))
-    return _task(character, qpos, time, stands, support, _Window(every, every), settings)
+    return _task(character, qpos, time, held, support, _Window(every, every), settings)
 
 
 def _task(
     character: Character,
     qpos: Array,
     time: Array,
-    stands: Flags,
+    held: Held,
     support: Support,
     window: _Window,
     settings: WholeBodySettings,
@@ -187,12 +219,12 @@ def _task(
     poses, markers, tree = qpos[part], character.markers, character.tree
     step = float(time[-1] - time[0]) / (len(time) - 1)
     pose = kinematics.forward(tree, poses)
-    body = np.concatenate([markers.body, character.contacts.body])
-    local = np.concatenate([markers.local, character.contacts.local])
-    target = kinematics.points(pose, body, local)
-    place = target[:, len(markers) :]
+    body = np.concatenate([markers.body, held.body])
+    local = np.concatenate([markers.local, held.local])
+    place = held.place[part]
+    target = np.concatenate([kinematics.points(pose, markers.body, markers.local), place], axis=1)
     height = (place[..., 2] - character.floor_height) / character.height
-    firm = firmness(stands[part], height, step, settings)
+    firm = firmness(held.stand[part], height, step, settings)
     ones = np.ones((len(poses), len(markers)))
     metric = kinematics.stiffness(tree, poses, pose, markers.body, markers.local, ones)
     joint = joint_weights(character, settings.joint)
@@ -203,6 +235,8 @@ def _task(
     size = len(markers) * character.height**2
     shapes = solids(character)
     low, floor = lowest_heights(shapes, pose), character.floor_height
+    if not held.sunk:
+        low = np.full_like(low, floor)
     face = face_of(character)
     looks = (character.root_body, character.front) if face is None else (face[0], face[2])
     frame = np.arange(part.start, part.stop)
@@ -241,7 +275,7 @@ def _within_limits(character: Character, before: Array, moved: Array) -> Array:
     return within
 
 
-def _displaced(character: Character, before: Array, after: Array) -> Array:
+def displacement(character: Character, before: Array, after: Array) -> Array:
     """(T,) RMS displacement of the markers, m."""
     markers = character.markers
     one, other = (

@@ -42,7 +42,8 @@ def _is_group(command: tuple[str, ...]) -> bool:
 
 def test_the_commands_that_were_promised_are_there() -> None:
     promised = {
-        "demo", "retarget", "learn", "validate", "rules", "inspect", "replay", "convert", "forces",
+        "demo", "retarget", "learn", "validate", "rules", "inspect", "replay", "convert",
+        "fix", "forces",
     }  # fmt: skip
     assert promised <= {c[0] for c in COMMANDS if c}
     assert {("keyposes", "check"), ("keyposes", "sheet")} <= set(COMMANDS)
