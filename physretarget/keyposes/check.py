@@ -35,6 +35,12 @@ class CheckSettings:
     limit: float = 1e-3  # rad or m beyond a joint limit
     heading: float = 0.01  # rad
     same: float = 0.01  # m, RMS over features below which two poses count as one
+    # Two poses contradict each other where the character's differ by so many times as much as the
+    # actor's, each over its height, and by more than that share of the character's height. Over
+    # all pairs of our characters' key poses the median is 0.8 to 1.2 times.
+    stretch: float = 5.0
+    apart: float = 0.2
+    listed: int = 10  # contradictions named, the worst first
 
 
 @dataclass(frozen=True)
@@ -57,7 +63,8 @@ def check(
     remarks = [Remark(None, "warning", text) for text in keyposes.remarks]
     for pose in keyposes.poses:
         remarks += [Remark(pose.name, "error", text) for text in _errors(pose, character, settings)]
-    return (*remarks, *_duplicates(keyposes, character, settings))
+    remarks += _duplicates(keyposes, character, settings)
+    return (*remarks, *_contradictions(keyposes, character, settings))
 
 
 def _errors(pose: KeyPose, character: Character, settings: CheckSettings) -> list[str]:
@@ -146,6 +153,40 @@ def _duplicates(
         else:
             found.append(Remark(second, "warning", f"adds nothing to {first!r}"))
     return found
+
+
+def _contradictions(
+    keyposes: KeyPoseSet, character: Character, settings: CheckSettings
+) -> list[Remark]:
+    """Neighbouring poses of the actor that ask for far apart poses of the character.
+
+    Between them the map has to leap. Duplicates are told apart from these.
+    """
+    if len(keyposes) < 2:
+        return []
+    y, z = training_pairs(keyposes, character)
+    actor = actor_character_of_reference()
+    first, second = np.triu_indices(len(keyposes), 1)
+    near = np.sqrt(3.0 * np.mean((y[first] - y[second]) ** 2, axis=1))
+    far = np.sqrt(3.0 * np.mean((z[first] - z[second]) ** 2, axis=1)) / character.height
+    stretch = far * actor.height / np.maximum(near, 1e-9)
+    found = (near > settings.same) & (stretch > settings.stretch) & (far > settings.apart)
+    worst = np.flatnonzero(found)[np.argsort(-stretch[found], kind="stable")]
+    names = [pose.name for pose in keyposes.poses]
+    remarks = [
+        Remark(
+            names[second[k]],
+            "warning",
+            f"the actor stands {near[k] * 1000:.0f} mm from where it stands in "
+            f"{names[first[k]]!r} (RMS), but the character {far[k]:.0%} of its height away from "
+            "its pose there: between the two the map leaps",
+        )
+        for k in worst[: settings.listed]
+    ]
+    if len(worst) > settings.listed:
+        more = f"{len(worst) - settings.listed} more pairs of poses contradict each other so"
+        remarks.append(Remark(None, "warning", more))
+    return remarks
 
 
 def _rms(difference: Array) -> float:

@@ -10,7 +10,7 @@ from physretarget.errors import InputError, UsageError
 from physretarget.mapping.gp import GaussianProcess, fit_gp
 from physretarget.mapping.gplvm import SharedGPLVM, fit_gplvm
 from physretarget.mapping.nearest import NearestPoses, fit_nearest
-from physretarget.mapping.pca import PrincipalMap, fit_pca
+from physretarget.mapping.pca import PrincipalMap, fit_pca, fit_ridge
 from physretarget.mapping.protocol import Array, Arrays, Mapped, Mapper, Space
 from physretarget.options.retargeting import MAPPERS as NAMES
 from physretarget.options.retargeting import MapperOptions
@@ -57,6 +57,8 @@ def fit(
         return fit_gp(y, z, calibrated=calibrated)
     if name == "pca":
         return fit_pca(y, z, dims=dims)
+    if name == "ridge":
+        return fit_ridge(y, z)
     if name in ("nn3", "nn10"):
         return fit_nearest(y, z, neighbours=int(name[2:]))
     raise UsageError(f"unknown mapper '{name}'; the mappers are {', '.join(NAMES)}")
@@ -68,6 +70,7 @@ def from_arrays(arrays: Arrays) -> Mapper:
     kinds: dict[str, type[SharedGPLVM | GaussianProcess | PrincipalMap | NearestPoses]] = {
         "sgplvm": SharedGPLVM,
         "gp": GaussianProcess,
+        "ridge": PrincipalMap,
         "pca": PrincipalMap,
         "nn3": NearestPoses,
         "nn10": NearestPoses,

@@ -21,8 +21,8 @@ from physretarget.mapping.protocol import (
 from physretarget.mapping.regression import Posterior, likelihood
 from physretarget.mapping.threads import one_thread
 
-BOUNDS = ((1e-2, 1e4), (1e-6, 1e2), (1e-6, 1e1), (1e-6, 1e-3))
-"""Signal, sharpness (of distances per feature), offset, noise; see ``gplvm.BOUNDS``."""
+BOUNDS = ((1e-2, 1e4), (1e-6, 1e2), (1e-6, 1e1), (1e-6, 1e-2), (1e-8, 1e2))
+"""Signal, sharpness (of distances per feature), offset, noise, linear; see ``gplvm.BOUNDS``."""
 
 STARTS = (0.1, 1.0, 10.0)
 """Widths tried, as multiples of 1 / median squared distance: the likelihood has local optima."""
@@ -89,20 +89,22 @@ class GaussianProcess:
         )
 
 
-def marginal(logs: Array, squared: Array, scatter: Array, width: int) -> tuple[float, Array]:
-    """Negative log-likelihood of the four kernel logs, with gradient."""
+def marginal(
+    logs: Array, squared: Array, inner: Array, scatter: Array, width: int
+) -> tuple[float, Array]:
+    """Negative log-likelihood of the five kernel logs, with gradient."""
     kernel = Kernel.from_logs(logs)
-    value, sensitivity = likelihood(kernel.gram(squared), scatter, width)
-    return value, gram_gradient(kernel, squared, sensitivity)[0]
+    value, sensitivity = likelihood(kernel.gram(squared, inner), scatter, width)
+    return value, gram_gradient(kernel, squared, inner, sensitivity)[0]
 
 
 @one_thread
 def fit_gp(y: Array, z: Array, *, calibrated: bool = True) -> GaussianProcess:
-    """Fit the four kernel parameters to key poses y (N, DY), z (N, DZ) by their likelihood."""
+    """Fit the five kernel parameters to key poses y (N, DY), z (N, DZ) by their likelihood."""
     y, z = checked_pairs(y, z)
     space_y, space_z = Space.of(y), Space.of(z)
     keys_y, keys_z = space_y.normal(y), space_z.normal(z)
-    squared = squared_distances(keys_y, keys_y)
+    squared, inner = squared_distances(keys_y, keys_y), keys_y @ keys_y.T
     scatter = keys_z @ keys_z.T
     median = max(float(np.median(squared[np.triu_indices_from(squared, k=1)])), 1e-6)
     box = [tuple(np.log(bound)) for bound in BOUNDS]
@@ -110,8 +112,10 @@ def fit_gp(y: Array, z: Array, *, calibrated: bool = True) -> GaussianProcess:
     for start in STARTS:
         found = minimize(
             marginal,
-            np.clip(Kernel(1.0, start / median, 1e-2, 1e-4).logs(), *np.transpose(box)),
-            args=(squared, scatter, z.shape[1]),
+            np.clip(
+                Kernel(1.0, start / median, 1e-2, 1e-4, 1.0 / y.shape[1]).logs(), *np.transpose(box)
+            ),
+            args=(squared, inner, scatter, z.shape[1]),
             jac=True,
             method="L-BFGS-B",
             bounds=box,

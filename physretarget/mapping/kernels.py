@@ -1,6 +1,8 @@
-"""The kernel of Yamane 2010 eq. (1) and its derivatives.
+"""The kernel of Yamane 2010 eq. (1), a linear part added, and its derivatives.
 
-``k(a, b) = θ1 exp(-θ2/2 |a - b|²) + θ3 + δ_ab / β``; parameters travel as logarithms.
+``k(a, b) = θ1 exp(-θ2/2 |a - b|²) + θ3 + θ4 a·b + δ_ab / β``; parameters travel as logarithms. The
+paper has no θ4: far from all key poses its map falls back to their mean. With it the map goes on
+as the key poses do on the whole, and bends from there where they say so.
 """
 
 from __future__ import annotations
@@ -15,40 +17,46 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Kernel:
-    """Parameters of eq. (1): signal θ1, inverse squared width θ2, offset θ3, noise 1/β."""
+    """Parameters: signal θ1, inverse squared width θ2, offset θ3, noise 1/β, linear θ4."""
 
     signal: float
     sharpness: float
     offset: float
     noise: float
+    linear: float = 0.0
 
     @classmethod
     def from_logs(cls, logs: Array) -> Kernel:
-        """From (log θ1, log θ2, log θ3, log 1/β)."""
-        signal, sharpness, offset, noise = np.exp(logs)
-        return cls(float(signal), float(sharpness), float(offset), float(noise))
+        """From (log θ1, log θ2, log θ3, log 1/β, log θ4); of four there is no linear part."""
+        return cls(*np.exp(logs).tolist())
 
     def logs(self) -> Array:
-        """(log θ1, log θ2, log θ3, log 1/β)."""
-        return np.log([self.signal, self.sharpness, self.offset, self.noise])
+        """(log θ1, log θ2, log θ3, log 1/β, log θ4)."""
+        with np.errstate(divide="ignore"):  # without a linear part its logarithm is -inf
+            return np.log([self.signal, self.sharpness, self.offset, self.noise, self.linear])
 
-    @property
-    def prior_variance(self) -> float:
-        """k(x, x): the variance far away from all key poses."""
-        return self.signal + self.offset + self.noise
+    def prior_variance(self, x: Array) -> Array:
+        """k(x, x) (T,) at inputs x (T, D), noise included."""
+        constant = self.signal + self.offset + self.noise
+        variance: Array = constant + self.linear * np.sum(x * x, axis=-1)
+        return variance
 
     def bump(self, squared: Array) -> Array:
         """θ1 exp(-θ2/2 d²) at squared distances d²."""
         result: Array = self.signal * np.exp(-0.5 * self.sharpness * squared)
         return result
 
-    def cross(self, squared: Array) -> Array:
-        """k(a, b) for a ≠ b at squared distances d² (no noise)."""
-        return self.bump(squared) + self.offset
+    def cross(self, a: Array, b: Array) -> Array:
+        """k (T, N) between other inputs a (T, D) and b (N, D): no noise."""
+        return self.between(squared_distances(a, b), a @ b.T)
 
-    def gram(self, squared: Array) -> Array:
-        """K (N, N) at the squared distances (N, N) of the key poses."""
-        return self.cross(squared) + self.noise * np.eye(squared.shape[0])
+    def between(self, squared: Array, inner: Array) -> Array:
+        """k(a, b) for a ≠ b at squared distances d² and inner products a·b."""
+        return self.bump(squared) + self.offset + self.linear * inner
+
+    def gram(self, squared: Array, inner: Array) -> Array:
+        """K (N, N) at the squared distances and inner products (N, N) of the key poses."""
+        return self.between(squared, inner) + self.noise * np.eye(squared.shape[0])
 
 
 def squared_distances(a: Array, b: Array) -> Array:
@@ -58,10 +66,12 @@ def squared_distances(a: Array, b: Array) -> Array:
     return result
 
 
-def gram_gradient(kernel: Kernel, squared: Array, sensitivity: Array) -> tuple[Array, Array]:
+def gram_gradient(
+    kernel: Kernel, squared: Array, inner: Array, sensitivity: Array
+) -> tuple[Array, Array]:
     """Chain rule from ∂L/∂K (N, N, symmetric) to the parameters and the distances.
 
-    Returns ∂L/∂(log θ1, log θ2, log θ3, log 1/β) (4,) and ∂L/∂d² (N, N).
+    Returns ∂L/∂(log θ1, log θ2, log θ3, log 1/β, log θ4) (5,) and ∂L/∂d² (N, N).
     """
     weighted = sensitivity * kernel.bump(squared)
     by_distance = -0.5 * kernel.sharpness * weighted
@@ -71,6 +81,7 @@ def gram_gradient(kernel: Kernel, squared: Array, sensitivity: Array) -> tuple[A
             np.sum(by_distance * squared),
             kernel.offset * sensitivity.sum(),
             kernel.noise * np.trace(sensitivity),
+            kernel.linear * np.sum(sensitivity * inner),
         ]
     )
     return by_log, by_distance

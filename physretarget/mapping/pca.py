@@ -44,8 +44,9 @@ class PrincipalMap:
     @classmethod
     def from_arrays(cls, arrays: Arrays) -> PrincipalMap:
         """Rebuild what :meth:`to_arrays` gave."""
+        name = str(arrays.get("mapper", "pca"))
         a = {k: np.asarray(v, dtype=np.float64) for k, v in arrays.items() if k != "mapper"}
-        return cls(a["centre_y"], a["centre_z"], a["linear"])
+        return cls(a["centre_y"], a["centre_z"], a["linear"], name)
 
 
 @one_thread
@@ -69,3 +70,31 @@ def _principal(centred: Array, dims: int) -> tuple[Array, Array]:
     keep = (size > 1e-6 * max(float(size[0]), 1e-12)).sum()
     basis = basis[: min(dims, int(keep))]
     return basis, centred @ basis.T
+
+
+PENALTIES = np.logspace(-2.0, 3.0, 11)
+"""Tried, in units of a feature's mean square over the key poses."""
+
+
+@one_thread
+def fit_ridge(y: Array, z: Array) -> PrincipalMap:
+    """Ridge regression; of the penalties the one that misses left-out key poses least.
+
+    What a key pose is missed by when it is left out follows from the fit with it in: the
+    residual over one minus its leverage (Golub, Heath and Wahba 1979).
+    """
+    y, z = checked_pairs(y, z)
+    centre_y, centre_z = y.mean(axis=0), z.mean(axis=0)
+    inputs, outputs = y - centre_y, z - centre_z
+    unit = max(float(np.mean(inputs**2)), 1e-24)
+    values, axes = np.linalg.eigh(inputs @ inputs.T)
+    turned = axes.T @ outputs
+    best, weights = np.inf, np.zeros_like(outputs)
+    for penalty in PENALTIES * unit:
+        kept = 1.0 / (np.maximum(values, 0.0) + penalty)
+        residual = outputs - axes @ ((values * kept)[:, None] * turned)
+        leverage = np.sum(axes**2 * (values * kept), axis=1)
+        missed = float(np.mean((residual / np.maximum(1.0 - leverage, 1e-9)[:, None]) ** 2))
+        if missed < best:
+            best, weights = missed, axes @ (kept[:, None] * turned)
+    return PrincipalMap(centre_y, centre_z, weights.T @ inputs, "ridge")

@@ -29,15 +29,17 @@ class Posterior:
     @classmethod
     def of(cls, kernel: Kernel, inputs: Array, targets: Array) -> Posterior:
         """Condition on the key poses."""
-        inverse, _ = inverse_and_logdet(kernel.gram(squared_distances(inputs, inputs)))
+        inverse, _ = inverse_and_logdet(
+            kernel.gram(squared_distances(inputs, inputs), inputs @ inputs.T)
+        )
         return cls(kernel, inputs, inverse, inverse @ targets)
 
     def at(self, x: Array) -> tuple[Array, Array]:
         """Mean (T, D) and variance (T,), noise included, at inputs x (T, DX)."""
-        k = self.kernel.cross(squared_distances(x, self.inputs))
+        k = self.kernel.cross(x, self.inputs)
         explained = np.einsum("tn,tn->t", k @ self.inverse, k)
         floor = self.kernel.noise
-        return k @ self.weights, np.maximum(self.kernel.prior_variance - explained, floor)
+        return k @ self.weights, np.maximum(self.kernel.prior_variance(x) - explained, floor)
 
     @cached_property
     def scatter(self) -> Array:
@@ -56,10 +58,11 @@ class Posterior:
         """
         kernel, inputs = self.kernel, self.inputs
         pull = kernel.sharpness * kernel.bump(squared_distances(x, inputs))
-        along = pull * (x @ inputs.T)
+        whole = pull + kernel.linear
+        along = whole * (x @ inputs.T)
         spread = pull @ self.scatter
-        # Σ_nm p_n p_m S_nm (x_n - x)·(x_m - x), the product multiplied out
-        square = np.einsum("tn,tn->t", pull @ self._moment, pull)
+        # Σ_nm S_nm g_n·g_m with g_n = p_n (x_n - x) + θ4 x_n, the product multiplied out
+        square = np.einsum("tn,tn->t", whole @ self._moment, whole)
         square -= 2.0 * np.einsum("tn,tn->t", along, spread)
         square += np.sum(x**2, axis=1) * np.einsum("tn,tn->t", pull, spread)
         result: Array = np.maximum(square, 0.0) / self.weights.shape[1]

@@ -76,9 +76,9 @@ class Likelihood:
         """Values (n,) and gradients (n, DX) for frames ``rows`` at x (n, DX)."""
         kernel, inputs = self.posterior.kernel, self.posterior.inputs
         bump = kernel.bump(squared_distances(x, inputs))
-        k = bump + kernel.offset
+        k = bump + kernel.offset + kernel.linear * (x @ inputs.T)
         solved = k @ self.posterior.inverse
-        variance = kernel.prior_variance - np.einsum("tn,tn->t", solved, k)
+        variance = kernel.prior_variance(x) - np.einsum("tn,tn->t", solved, k)
         variance = np.maximum(variance, kernel.noise)
         miss = k @ self.weights - self.within[rows]
         residual = self.outside[rows] + np.einsum("tr,tr->t", miss, miss)
@@ -86,7 +86,8 @@ class Likelihood:
         by_variance = 0.5 * self.width / variance - 0.5 * residual / variance**2
         by_k = (miss @ self.weights.T) / variance[:, None] - 2.0 * by_variance[:, None] * solved
         pull = kernel.sharpness * by_k * bump
-        gradient = pull @ inputs - pull.sum(axis=1)[:, None] * x
+        gradient = (pull + kernel.linear * by_k) @ inputs
+        gradient += (2.0 * kernel.linear * by_variance - pull.sum(axis=1))[:, None] * x
         away, precision = x - self.prior.mean[rows], self.prior.precision[rows]
         value += 0.5 * precision * np.einsum("td,td->t", away, away)
         gradient += precision[:, None] * away

@@ -63,6 +63,8 @@ class _Single:
         self.kernel, self.inputs, self.inverse = kernel, inputs, posterior.inverse
         self.weights = posterior.weights
         self.along = np.ascontiguousarray(kernel.sharpness * inputs)
+        self.linear = np.ascontiguousarray(kernel.linear * inputs)
+        self.constant = kernel.signal + kernel.offset + kernel.noise
         self.base = math.log(kernel.signal) - 0.5 * kernel.sharpness * np.sum(inputs**2, axis=1)
 
     def bump(self, x: Array) -> Array:
@@ -74,9 +76,20 @@ class _Single:
 
     def at(self, x: Array) -> tuple[Array, float]:
         """Mean (D,) and variance at x (DX,), see :meth:`Posterior.at`."""
-        k = self.bump(x) + self.kernel.offset
+        k = self.cross(self.bump(x), x)
         explained = float(k @ (self.inverse @ k))
-        return k @ self.weights, max(self.kernel.prior_variance - explained, self.kernel.noise)
+        return k @ self.weights, max(self.prior_variance(x) - explained, self.kernel.noise)
+
+    def cross(self, bump: Array, x: Array) -> Array:
+        """k (N,) between x (DX,) and the inputs, of which ``bump`` is known."""
+        k: Array = self.linear @ x
+        k += bump
+        k += self.kernel.offset
+        return k
+
+    def prior_variance(self, x: Array) -> float:
+        """k(x, x), noise included."""
+        return self.constant + self.kernel.linear * float(x @ x)
 
 
 class _LatentTracker:
@@ -146,14 +159,15 @@ class _LatentTracker:
         """As :meth:`SharedGPLVM.decode` does."""
         model, kernel, count = self.model, self.character.kernel, self.count
         bump = self.character.bump(x)
-        k = bump + kernel.offset
+        k = self.character.cross(bump, x)
         explained = float(k @ (model.character.inverse @ k))
-        spread = self.decoding @ bump
-        square = float(bump @ spread[:count])
-        square -= 2.0 * float((bump * (model.latent @ x)) @ spread[count:])
-        square += float(x @ x) * float(bump @ spread[count:])
-        square *= kernel.sharpness**2
-        variance = max(kernel.prior_variance - explained, kernel.noise)
+        pull = kernel.sharpness * bump
+        whole = pull + kernel.linear
+        spread = self.decoding[count:] @ pull
+        square = float(whole @ (self.decoding[:count] @ whole))
+        square -= 2.0 * float((whole * (model.latent @ x)) @ spread)
+        square += float(x @ x) * float(pull @ spread)
+        variance = max(self.character.prior_variance(x) - explained, kernel.noise)
         variance += doubt * max(square, 0.0) / self.character.weights.shape[1]
         return Mapped(
             model.space_z.natural(k @ self.character.weights)[None],
@@ -173,10 +187,10 @@ class _Point:
         kernel, count = tracker.actor.kernel, tracker.count
         self.x = x
         self.bump = tracker.actor.bump(x)
-        k = self.bump + kernel.offset
+        k = tracker.actor.cross(self.bump, x)
         product = tracker.both @ k
         self.solved, self.pulled = product[:count], product[count:]
-        self.variance = max(kernel.prior_variance - float(self.solved @ k), kernel.noise)
+        self.variance = max(tracker.actor.prior_variance(x) - float(self.solved @ k), kernel.noise)
         self.pulled -= frame.pulled
         missed = float(k @ self.pulled) - float(k @ frame.pulled)
         self.residual = max(frame.energy + missed, 0.0)
@@ -204,9 +218,13 @@ class _Frame:
         weight = (self.width - at.residual / at.variance) / at.variance
         pull = at.pulled / at.variance
         pull -= weight * at.solved
+        actor = self.tracker.actor
+        gradient: Array = pull @ actor.linear
         pull *= at.bump
-        gradient: Array = pull @ self.tracker.actor.along
-        gradient -= (self.tracker.actor.kernel.sharpness * float(pull.sum())) * at.x
+        gradient += pull @ actor.along
+        gradient += (
+            weight * actor.kernel.linear - actor.kernel.sharpness * float(pull.sum())
+        ) * at.x
         gradient += self.precision * (at.x - self.led)
         return gradient
 
@@ -215,7 +233,8 @@ class _Frame:
         actor = self.tracker.actor
         slope = actor.along - actor.kernel.sharpness * at.x
         slope *= at.bump[:, None]
-        by_variance = at.solved @ slope
+        slope += actor.linear
+        by_variance = at.solved @ slope - actor.kernel.linear * at.x
         by_mean = slope.T @ actor.weights
         curvature: Array = by_mean @ by_mean.T
         curvature /= at.variance

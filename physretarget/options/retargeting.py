@@ -9,7 +9,7 @@ from typing import Literal, get_args
 from physretarget.errors import UsageError
 from physretarget.options.declaration import check, option
 
-MapperName = Literal["sgplvm", "gp", "pca", "nn3", "nn10"]
+MapperName = Literal["sgplvm", "gp", "ridge", "pca", "nn3", "nn10"]
 Stage = Literal["mapped", "placed", "contacted", "physical", "balanced"]
 Physics = Literal["default", "paper", "convex"]
 Heading = Literal["actor", "momentum"]
@@ -26,7 +26,7 @@ class MapperOptions:
     mapper: str = option(
         "sgplvm",
         help="What to learn from the key poses: sgplvm is the paper's, the others are "
-        "baselines (Gaussian process, linear map, nearest key poses).",
+        "baselines (Gaussian process, ridge regression, linear map, nearest key poses).",
         choices=MAPPERS,
     )
     dims: int = option(

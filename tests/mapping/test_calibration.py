@@ -71,7 +71,7 @@ def test_an_uncertain_input_makes_the_mean_uncertain() -> None:
     """Against the derivative by finite differences, and against sampled inputs."""
     rng = np.random.default_rng(3)
     inputs, targets = rng.normal(size=(15, 3)), rng.normal(size=(15, 5))
-    posterior = Posterior.of(Kernel(1.0, 0.4, 0.1, 1e-2), inputs, targets)
+    posterior = Posterior.of(Kernel(1.0, 0.4, 0.1, 1e-2, 0.3), inputs, targets)
     x = rng.normal(size=(4, 3))
     step = 1e-6 * np.eye(3)
     derivative = np.array([(posterior.at(x + s)[0] - posterior.at(x - s)[0]) / 2e-6 for s in step])

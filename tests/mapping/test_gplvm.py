@@ -32,7 +32,7 @@ def test_learning_gradient_is_the_derivative() -> None:
     rng = np.random.default_rng(3)
     y, z = rng.normal(size=(7, 11)), rng.normal(size=(7, 5))
     joint = JointLikelihood(y @ y.T, z @ z.T, 11, 5, 3)
-    at = np.concatenate([rng.uniform(-2, 0.5, 8), rng.normal(size=21)])
+    at = np.concatenate([rng.uniform(-2, 0.5, 10), rng.normal(size=21)])
     _, gradient = joint(at)
     numeric = approx_fprime(at, lambda v: joint(v)[0], 1e-6)
     np.testing.assert_allclose(gradient, numeric, rtol=1e-4, atol=1e-3)
@@ -42,16 +42,16 @@ def test_learning_value_is_the_likelihood_of_the_paper() -> None:
     """Against densities written out with a plain inverse and determinant."""
     rng = np.random.default_rng(4)
     y, z, x = rng.normal(size=(6, 8)), rng.normal(size=(6, 3)), rng.normal(size=(6, 2))
-    logs = rng.uniform(-1, 1, 8)
+    logs = rng.uniform(-1, 1, 10)
     joint = JointLikelihood(y @ y.T, z @ z.T, 8, 3, 2)
     expected = 0.5 * np.sum(x**2)
-    for o, log in ((y, logs[:4]), (z, logs[4:])):
-        a, b, c, noise = np.exp(log)
+    for o, log in ((y, logs[:5]), (z, logs[5:])):
+        a, b, c, noise, linear = np.exp(log)
         k = np.array([[a * np.exp(-b / 2 * np.sum((p - q) ** 2)) + c for q in x] for p in x])
-        k += noise * np.eye(6)
+        k += noise * np.eye(6) + linear * x @ x.T
         for column in o.T:
             expected += 0.5 * np.log(np.linalg.det(k)) + 0.5 * column @ np.linalg.inv(k) @ column
-        expected += log[0] + log[1] + log[2] - log[3]
+        expected += log[0] + log[1] + log[2] - log[3] + log[4]
     assert joint(np.concatenate([logs, x.ravel()]))[0] == pytest.approx(expected, rel=1e-10)
 
 

@@ -55,7 +55,7 @@ def test_bad_input_is_named(name: str) -> None:
 
 def test_unknown_names() -> None:
     y, z = pairs(5)
-    with pytest.raises(UsageError, match="sgplvm, gp, pca, nn3, nn10"):
+    with pytest.raises(UsageError, match="sgplvm, gp, ridge, pca, nn3, nn10"):
         fit("magic", y, z)
     with pytest.raises(InputError, match="not a learned mapper"):
         from_arrays({"mapper": np.array("magic")})
@@ -66,18 +66,18 @@ def test_unknown_names() -> None:
 def test_gp_gradient_value_and_posterior() -> None:
     rng = np.random.default_rng(1)
     y, z = rng.normal(size=(9, 4)), rng.normal(size=(9, 3))
-    squared = squared_distances(y, y)
-    logs = np.array([0.3, -1.0, -2.0, -3.0])
-    value, gradient = marginal(logs, squared, z @ z.T, 3)
-    numeric = approx_fprime(logs, lambda v: marginal(v, squared, z @ z.T, 3)[0], 1e-6)
+    squared, inner = squared_distances(y, y), y @ y.T
+    logs = np.array([0.3, -1.0, -2.0, -3.0, -0.5])
+    value, gradient = marginal(logs, squared, inner, z @ z.T, 3)
+    numeric = approx_fprime(logs, lambda v: marginal(v, squared, inner, z @ z.T, 3)[0], 1e-6)
     np.testing.assert_allclose(gradient, numeric, rtol=1e-4)
-    gram = Kernel.from_logs(logs).gram(squared)
+    gram = Kernel.from_logs(logs).gram(squared, inner)
     density = -sum(multivariate_normal(cov=gram).logpdf(column) for column in z.T)
     assert value + 0.5 * 27 * np.log(2 * np.pi) == pytest.approx(density, rel=1e-9)
     # posterior against the conditional of one joint Gaussian
     kernel, new = Kernel.from_logs(logs), rng.normal(size=(1, 4))
     every = np.concatenate([y, new])
-    joint = kernel.gram(squared_distances(every, every))
+    joint = kernel.gram(squared_distances(every, every), every @ every.T)
     mean, variance = Posterior.of(kernel, y, z).at(new)
     solved = np.linalg.solve(joint[:9, :9], joint[:9, 9])
     np.testing.assert_allclose(mean[0], solved @ z, rtol=1e-9)
@@ -102,6 +102,33 @@ def test_pca_is_exact_on_a_linear_map() -> None:
     new = pairs(10, seed=5)[0]
     expected = new @ np.random.default_rng(2).normal(size=(12, 5)) + 3.0
     np.testing.assert_allclose(fit("pca", y, z).predict(new).mean, expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["gp", "sgplvm"])
+def test_beyond_the_key_poses_the_map_goes_on(name: str) -> None:
+    """Twice as far as any key pose a linear map is still followed, where the paper's falls back."""
+    rng = np.random.default_rng(4)
+    hidden = rng.normal(size=(40, 3))
+    to_y, to_z = rng.normal(size=(3, 12)), rng.normal(size=(3, 9))
+    mapper = fit(name, hidden @ to_y, hidden @ to_z, dims=5)
+    far = 2.0 * hidden[:8]
+    miss = mapper.predict(far @ to_y).mean - far @ to_z
+    assert np.sqrt(np.mean(miss**2)) < 0.15 * np.sqrt(np.mean((far @ to_z) ** 2))
+
+
+def test_ridge_holds_back_what_does_not_repeat() -> None:
+    """Noise of the key poses is not learned: nearer to the truth than the plain linear map."""
+    rng = np.random.default_rng(5)
+    y = rng.normal(size=(30, 24))
+    true = rng.normal(size=(24, 6)) * np.array([1.0] * 3 + [0.0] * 21)[:, None]
+    mapper = fit("ridge", y, y @ true + 0.5 * rng.normal(size=(30, 6)))
+    plain = fit("pca", y, y @ true + 0.5 * rng.normal(size=(30, 6)))
+    new = rng.normal(size=(200, 24))
+    errors = [np.sqrt(np.mean((m.predict(new).mean - new @ true) ** 2)) for m in (mapper, plain)]
+    assert errors[0] < 0.9 * errors[1]
+    again = from_arrays(mapper.to_arrays())
+    assert again.name == "ridge"
+    np.testing.assert_array_equal(again.predict(new).mean, mapper.predict(new).mean)
 
 
 def test_leave_out_by_pose_and_by_group() -> None:
