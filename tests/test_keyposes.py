@@ -299,7 +299,8 @@ def test_check_finds_neighbours_that_ask_for_far_apart_poses(lamp: Character) ->
     """A wrist bent a little on the actor, the lamp bent over: named, with both distances."""
     first = some(lamp, 1).poses[0]
     leap, actor = first.qpos.copy(), first.actor_qpos.copy()
-    leap[8:11] = np.clip(
+    bent = leap[8:11] + np.array([1.2, -1.2, 1.2])
+    leap[8:11] = np.clip(bent, lamp.lower[8:11], lamp.upper[8:11])
         leap[8:11] + np.array([1.2, -1.2, 1.2]), lamp.lower[8:11], lamp.upper[8:11]
     )
     actor[7:] = first.actor_qpos[7:] + 0.02

@@ -256,7 +256,7 @@ def _residuals(
         rows.append(weight * (s[0] + part["pose"][0]) * part["pose"][1])
     if np.isfinite(settings.limit):
         beyond = ca.fabs(s[0]) / scene.size - 0.93 * settings.limit
-        rows.append(1000.0 * ca.fmax(beyond, 0.0))
+        rows.append(3000.0 * ca.fmax(beyond, 0.0))
     if np.isfinite(settings.floor):
         rows.append(3000.0 * ca.fmax(part["lowest"][0] - s[0], 0.0) / scene.size)
     return ca.vertcat(*rows)
