@@ -301,8 +301,6 @@ def test_check_finds_neighbours_that_ask_for_far_apart_poses(lamp: Character) ->
     leap, actor = first.qpos.copy(), first.actor_qpos.copy()
     bent = leap[8:11] + np.array([1.2, -1.2, 1.2])
     leap[8:11] = np.clip(bent, lamp.lower[8:11], lamp.upper[8:11])
-        leap[8:11] + np.array([1.2, -1.2, 1.2]), lamp.lower[8:11], lamp.upper[8:11]
-    )
     actor[7:] = first.actor_qpos[7:] + 0.02
     near = replace(first, name="near", actor_qpos=actor)
     set_of = replace(some(lamp), poses=(first, near))
