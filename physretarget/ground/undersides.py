@@ -75,6 +75,18 @@ def solids(character: Character, bodies: Sequence[int] | Ints | None = None) -> 
     return tuple(found)
 
 
+def bearing_solids(character: Character) -> tuple[Solid, ...]:
+    """The geoms that can collide with the floor, all of them where none can."""
+    model, found = character.model, solids(character)
+    geoms = [
+        g
+        for g in np.flatnonzero(np.isin(model.geom_bodyid, character.bodies))
+        if _shape(model, int(g)) is not None
+    ]
+    bears = np.isin(geoms, colliding_geoms(character))
+    return tuple(s for s, b in zip(found, bears, strict=True) if b) or found
+
+
 def lowest_heights(every: Sequence[Solid], pose: kinematics.Pose) -> Floats:
     """(T, G) z of the lowest point of each solid, m."""
     frames = len(pose.position)

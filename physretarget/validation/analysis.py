@@ -17,12 +17,15 @@ from numpy.typing import NDArray
 
 from physretarget.clip import Motion
 from physretarget.ground.contacts import contact_tolerance
+from physretarget.ground.undersides import bearing_solids
 from physretarget.kinematics import slerp
 from physretarget.mjcf import Character, check_lowpass
 from physretarget.validation.chunk import Workspace
 from physretarget.validation.continuity import Continuity, continuity
 from physretarget.validation.declared import columns as contact_columns
+from physretarget.validation.evidence import Evidence, evidence, probe
 from physretarget.validation.grid import Grid, Poses
+from physretarget.validation.readings import Better, better_reading
 
 if TYPE_CHECKING:
     from physretarget.validation.config import Settings
@@ -105,6 +108,30 @@ class Analysis:
     def continuity(self) -> Continuity:
         """How its frames follow one another, before any filter."""
         return continuity(self.character, self.poses, self.frames, self.fps)
+
+    @cached_property
+    def _probe(self) -> tuple[Floats, float]:
+        return probe(self.poses, self.frames, self.fps or 1.0)
+
+    @cached_property
+    def has_geometry(self) -> bool:
+        """Whether the character has any geom that could stand on the floor."""
+        return len(bearing_solids(self.character)) > 0
+
+    @property
+    def probe(self) -> Floats:
+        """(n, nq) poses at about 30 instants a second of the clip's first half minute."""
+        return self._probe[0]
+
+    @cached_property
+    def evidence(self) -> Evidence:
+        """What these say about how the clip was read."""
+        return evidence(self.character, *self._probe)
+
+    @cached_property
+    def better_reading(self) -> Better | None:
+        """Another reading of the clip that makes sense where this one does not."""
+        return better_reading(self.character, *self._probe)
 
     @cached_property
     def judges_forces(self) -> bool:

@@ -60,6 +60,9 @@ class Continuity:
         step: (T - 1,) largest change of a coordinate, m or rad.
         jump_position, jump_rotation: (T - 1,) m, rad: jump of the root; 0 without a root.
         jump_joint: (T - 1,) rad or m: largest jump of another joint, ``jump_dof`` which.
+        jump_pose: (T - 1,) rad: jump of the whole pose, the root mean square over all degrees of
+            freedom, one CoM height for a radian; ``pace`` (T - 1,) rad: how far it moves in the
+            faster one of the steps before and after.
         jumping: (T - 1,) share of the other joints whose jump exceeds ``JUMPING``.
         repeats: (T - 1,) whether the step is none among steps in one direction.
         skipped: (T - 1,) by how many frames the whole pose runs ahead along its path, else 0.
@@ -77,6 +80,8 @@ class Continuity:
     jump_rotation: Floats
     jump_joint: Floats
     jump_dof: Ints
+    jump_pose: Floats
+    pace: Floats
     jumping: Floats
     repeats: NDArray[np.bool_]
     skipped: Floats
@@ -163,7 +168,12 @@ def _steps(
     limit = JUMPING + JUMPING_ACCELERATION / fps**2 if fps else JUMPING
     share = (jump > limit).mean(axis=1) if len(joints) else np.zeros(len(jump))
     found["jumping"] = share
-    repeats, skipped = _paces(change, np.diff(qpos, axis=0), _scale(character))
+    scaled = change * _scale(character)
+    size = np.sqrt(max(character.tree.nv, 1))
+    found["jump_pose"] = _padded(_jump(np.diff(scaled, axis=0)), len(change))[steps] / size
+    speed = np.pad(np.linalg.norm(scaled, axis=1) / size, 1)
+    found["pace"] = np.maximum(speed[:-2], speed[2:])[steps]
+    repeats, skipped = _paces(scaled, np.diff(qpos, axis=0))
     return found | {"repeats": repeats[steps], "skipped": skipped[steps]}
 
 
@@ -239,15 +249,12 @@ def _spike(bend: Floats) -> Floats:
     return off
 
 
-def _paces(
-    change: Floats, raw: Floats, scale: Floats
-) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+def _paces(v: Floats, raw: Floats) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
     """(n,) which of the steps (n, nv) repeat a frame, and how many frames others skip.
 
     The whole pose goes on along its path: by nothing, or by several steps at once. ``raw`` are
     the same steps in coordinates of the file.
     """
-    v = change * scale
     count = len(v)
     repeats, skipped = np.zeros(count, dtype=bool), np.zeros(count)
     if count < 5:

@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from physretarget.kinematics import runs as runs
 from physretarget.options.judging import Profile, Severity
 from physretarget.validation.analysis import Analysis
-from physretarget.validation.report import Finding
+from physretarget.validation.report import Cause, Finding
 
 Limits = Mapping[str, float]
 _SECTIONS = ("What it does", "Why it matters", "Threshold", "Example")
@@ -43,6 +44,7 @@ class Verdict:
 
     findings: tuple[Finding, ...] = ()
     not_covered: str | None = None
+    causes: tuple[Cause, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +52,8 @@ class Rule:
     """One thing that is judged.
 
     ``doc`` is the rule file's docstring: its first line is the summary, then the sections What
-    it does, Why it matters, Threshold, Example.
+    it does, Why it matters, Threshold, Example. ``explains`` makes it a rule that says why others
+    have found errors, or anything: it is asked where they have.
     """
 
     code: str
@@ -58,6 +61,7 @@ class Rule:
     doc: str
     check: Callable[[Analysis, Limits, Rule], Verdict]
     limits: Mapping[str, Limit] = field(default_factory=lambda: MappingProxyType({}))
+    explains: Literal["errors", "findings"] | None = None
     severity: Severity | None = None  # None: the check decides by two limits
 
     @property

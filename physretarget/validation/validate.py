@@ -16,6 +16,7 @@ from physretarget.errors import InputError
 from physretarget.mjcf import Character
 from physretarget.validation import states
 from physretarget.validation.analysis import Analysis, Progress, analyse
+from physretarget.validation.causes import likeliest
 from physretarget.validation.codes import RULES
 from physretarget.validation.config import Settings
 from physretarget.validation.floating import with_free_root
@@ -23,14 +24,17 @@ from physretarget.validation.grid import MEASURED_HZ
 from physretarget.validation.literature import literature
 from physretarget.validation.measures import measures
 from physretarget.validation.report import (
+    Cause,
     ClipFacts,
     ContactForces,
     Coverage,
     Finding,
     ModelFacts,
     Report,
+    Status,
     UsedSettings,
 )
+from physretarget.validation.rule import Rule, Verdict
 from physretarget.validation.series import Shown
 
 DERIVATIVE = "central differences, second order"
@@ -73,17 +77,19 @@ def validate(
     clip, character, stands = with_free_root(clip, character, stands=settings.stands)
     analysis = analyse(clip, character, settings, progress, stands=stands)
     findings: list[Finding] = []
-    coverage: list[Coverage] = []
-    for rule in chosen:
-        verdict = rule.check(analysis, settings.limits_of(rule), rule)
-        if verdict.not_covered is not None:
-            coverage.append(
-                Coverage(code=rule.code, status="not-covered", reason=verdict.not_covered)
-            )
-            continue
-        coverage.append(Coverage(code=rule.code, status="checked"))
+    causes: list[Cause] = []
+    coverage: dict[str, Coverage] = {}
+    # Those that explain what others have found come last.
+    for rule in sorted(chosen, key=lambda rule: rule.explains is not None):
+        verdict = Verdict()
+        if _asked(rule, findings):
+            verdict = rule.check(analysis, settings.limits_of(rule), rule)
+        reason = verdict.not_covered
+        status: Status = "checked" if reason is None else "not-covered"
+        coverage[rule.code] = Coverage(code=rule.code, status=status, reason=reason or "")
         told = settings.severity.get(rule.code)
         findings += (replace(f, severity=told) if told else f for f in verdict.findings)
+        causes += verdict.causes
     findings.sort(key=_worst_first)
     return Report(
         tool={"name": "physretarget", "version": __version__},
@@ -92,7 +98,8 @@ def validate(
         settings=_used(analysis),
         measures=measures(analysis),
         findings=tuple(findings),
-        coverage=tuple(coverage),
+        coverage=tuple(coverage[rule.code] for rule in chosen),
+        causes=likeliest(causes),
         literature=literature(analysis) if settings.also_literature else {},
         series=_series(analysis),
         forces=_forces(analysis),
@@ -113,6 +120,14 @@ def validate_many(
         return
     with ThreadPoolExecutor(workers) as pool:
         yield from pool.map(lambda clip: validate(clip, character, settings=settings), clips)
+
+
+def _asked(rule: Rule, findings: Sequence[Finding]) -> bool:
+    """Whether there is anything that a rule could explain."""
+    if rule.explains is None:
+        return True
+    wrong = [f for f in findings if not f.code.startswith("MDL")]
+    return any(f.severity == "error" or rule.explains == "findings" for f in wrong)
 
 
 def _worst_first(finding: Finding) -> tuple[bool, bool, float, str, int]:

@@ -181,7 +181,8 @@ def moved(clip: Clip, column: int, by: Array | float) -> Clip:
 
 
 def errors(report: Report) -> set[str]:
-    return {f.code for f in report.findings if f.severity == "error"}
+    causes = {cause.code for cause in report.causes}
+    return {f.code for f in report.findings if f.severity == "error"} - causes
 
 
 def no_model(report: Report) -> set[str]:

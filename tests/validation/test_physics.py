@@ -16,12 +16,17 @@ from physretarget.validation import Report, Settings, analysis, validate
 from physretarget.validation.measures import time_share
 
 
+def explained(report: Report) -> set[str]:
+    """Codes that say what lies behind the others; tests of causes are about these."""
+    return {cause.code for cause in report.causes}
+
+
 def errors(report: Report) -> set[str]:
-    return {f.code for f in report.findings if f.severity == "error"}
+    return {f.code for f in report.findings if f.severity == "error"} - explained(report)
 
 
 def codes(report: Report) -> set[str]:
-    return {f.code for f in report.findings}
+    return {f.code for f in report.findings} - explained(report)
 
 
 def value(report: Report, name: str) -> float:

@@ -9,12 +9,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from physretarget.clip import Clip
+from physretarget.kinematics import quat_multiply
 from physretarget.mjcf import Character
 from physretarget.report.rules import rules_page
 from physretarget.validation import BY_CODE, RULES, Report, Settings, validate
 from physretarget.validation.codes import RETIRED
+from physretarget.validation.readings import breadth_first
 
 Case = tuple[Clip, Character]
 FIRING: dict[str, Callable[[Character, Clip, Clip], Case]] = {}
@@ -279,6 +282,87 @@ def _(biped, hop, standing):  # type: ignore[no-untyped-def]
 @fires("DYN009")
 def _(biped, hop, standing):  # type: ignore[no-untyped-def]
     return replace(hop, time=hop.time / 1.5), biped
+
+
+def gait(steps: int = 8, per_step: int = 15, yaw: float = 0.4) -> Clip:
+    """The biped walks at 30 frames/s by its kinematics: a foot stays where it stands."""
+    reach, high = 0.12, 0.58
+    rows = []
+    for step in range(steps):
+        for part in np.arange(per_step) / per_step:
+            back = reach * (0.5 - part)  # of the standing foot before the hip
+            swing = -reach * (0.5 - part)
+            lift = 0.05 * np.sin(np.pi * part)
+            legs = [_leg(back, high), _leg(swing, high - lift)]
+            if step % 2:
+                legs.reverse()
+            way = reach * (step + part)
+            root = [way * np.cos(yaw), way * np.sin(yaw), high + 0.04]
+            turn = [np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)]
+            rows.append([*root, *turn, *legs[0], *legs[1]])
+    return Clip(qpos=np.array(rows), time=np.arange(len(rows)) / 30.0)
+
+
+def _leg(ahead: float, down: float) -> list[float]:
+    """Hip, knee and ankle that put a level foot so far ahead of and below the hip."""
+    length = np.hypot(ahead, down)
+    bend = np.arccos(length / 0.6)
+    hip = -np.arctan2(ahead, down) - bend
+    return [hip, 2 * bend, -hip - 2 * bend]
+
+
+@fires("DAT010")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    clip = gait()
+    qpos = clip.qpos.copy()
+    qpos[:, 3:7] = np.roll(qpos[:, 3:7], -1, axis=1)
+    return replace(clip, qpos=qpos), biped
+
+
+@fires("DAT011")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    clip = gait()
+    order = breadth_first(biped.tree)
+    return replace(clip, qpos=clip.qpos[:, np.argsort(order)]), biped
+
+
+@fires("DAT012")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    falling = posed(standing, q2=lambda q, t: q + 8 - 9.81 / 2 * t**2)
+    return replace(falling, time=4 * falling.time), biped
+
+
+@fires("DAT013")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    clip = gait()
+    turn = Rotation.from_euler("x", -90, degrees=True)
+    qpos = clip.qpos.copy()
+    qpos[:, :3] = turn.apply(qpos[:, :3])
+    qpos[:, 3:7] = quat_multiply(turn.as_quat(scalar_first=True), qpos[:, 3:7])
+    return replace(clip, qpos=qpos), biped
+
+
+@fires("DAT014")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    return posed(gait(), q0=lambda q, t: 1.3 * q), biped
+
+
+@fires("DAT015")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    qpos = standing.qpos.copy()
+    qpos[50:, 7:] = [-0.4, 0.8, -0.4] * 2
+    qpos[50:, 2] = 0.04 + 0.6 * np.cos(0.4)
+    return replace(standing, qpos=qpos), biped
+
+
+@fires("CON006")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    return posed(gait(), q9=lambda q, t: q + 0.16, q12=lambda q, t: q + 0.16), biped
+
+
+@fires("CON007")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    return posed(standing, q2=lambda q, t: q + 0.05), biped
 
 
 @fires("DYN010")

@@ -72,7 +72,9 @@ def test_toml_sets_everything(tmp_path: Path, biped: Character, lifted: Clip) ->
     assert report.settings.lowpass_hz == 10
     assert report.settings.friction == 0.7
     assert report.settings.contact_tolerance_m == 0.005
-    assert [f.severity for f in report.findings] == ["warning"]
+    assert {f.code: f.severity for f in report.findings} == {
+        "CON003": "warning", "CON007": "warning"
+    }  # fmt: skip
     assert report.passed
     assert report.fails("warning")
     assert not report.fails("error")

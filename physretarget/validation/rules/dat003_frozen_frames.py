@@ -27,7 +27,7 @@ from __future__ import annotations
 import numpy as np
 
 from physretarget.validation.analysis import Analysis
-from physretarget.validation.report import Finding
+from physretarget.validation.report import Cause, Finding
 from physretarget.validation.rule import Limit, Limits, Rule, Verdict, most_severe, runs
 
 # Repeats are a rhythm where this share of the gaps between them are equal.
@@ -38,9 +38,16 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     """Frames repeat in the middle of motion."""
     if analysis.frames < 4:
         return Verdict(not_covered="too few frames")
-    return Verdict(findings=most_severe([
-        *_stretches(analysis, limits, rule), *_single(analysis, limits, rule)
-    ]))  # fmt: skip
+    single = _single(analysis, limits, rule)
+    causes = tuple(
+        Cause(code=rule.code, message=what, remedy=remedy, value=f.value)
+        for f in single
+        if f.severity == "error"
+        for what, _, remedy in (f.message.partition(". "),)
+    )
+    return Verdict(
+        findings=most_severe([*_stretches(analysis, limits, rule), *single]), causes=causes
+    )
 
 
 def _stretches(analysis: Analysis, limits: Limits, rule: Rule) -> list[Finding]:
@@ -71,7 +78,7 @@ def _single(analysis: Analysis, limits: Limits, rule: Rule) -> list[Finding]:
     gaps = np.diff(at)
     usual = int(np.median(gaps)) if len(gaps) else 0
     if severe and (gaps == usual).mean() >= _RHYTHM:
-        what = f"every {usual}th frame repeats the one before, {len(at)} in all"
+        what = f"one frame in {usual} repeats the one before, {len(at)} in all"
         remedy = f"Take these frames out: {1 - 1 / usual:.3g} of the frame rate was recorded"
     else:
         what = f"{len(at)} frame{'s repeat' if len(at) > 1 else ' repeats'} the one before in the "

@@ -2,7 +2,9 @@
 
 What it does
 ------------
-Compares the median height of the root above the floor with the character's own height.
+Compares the median height of the root above the floor with the character's own height. Below the
+limit, where the clip has errors, reads its position in the units in use (cm, mm, inches, feet, and
+metres for these) and compares how well it then stands on its floor.
 
 Why it matters
 --------------
@@ -26,6 +28,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget.validation.analysis import Analysis
+from physretarget.validation.misreading import misread
+from physretarget.validation.report import Cause
 from physretarget.validation.rule import Limit, Limits, Rule, Verdict
 
 _BLOCK = 4096
@@ -42,16 +46,23 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     median = float(np.median(_heights(analysis)))
     ratio = median / character.height
     if ratio <= limits["warning"]:
-        return Verdict()
+        return misread(analysis, rule, "unit")
     severe = ratio > limits["error"]
     unit, short = ("millimetres", "mm") if ratio >= _MILLIMETRES else ("centimetres", "cm")
-    return Verdict(findings=(rule.finding(
+    message = (
+        f"the root's median height is {median:.4g} m, {ratio:.3g} times the height of "
+        f"{character.name} ({character.height:.3g} m)"
+    )
+    found = rule.finding(
         severity="error" if severe else "warning",
-        message=f"the root's median height is {median:.4g} m, {ratio:.3g} times the height of "
-        f"{character.name} ({character.height:.3g} m): if its position is in {unit}, read the clip "
-        f"with --unit {short}",
+        message=f"{message}: if its position is in {unit}, read the clip with --unit {short}",
         value=ratio, limit=limits["error" if severe else "warning"], unit="heights",
-    ),))  # fmt: skip
+    )  # fmt: skip
+    cause = Cause(
+        code=rule.code, message=f"the root's position is in {unit}: {message}",
+        remedy=f"Read it with --unit {short}", value=ratio,
+    )  # fmt: skip
+    return Verdict(findings=(found,), causes=(cause,))
 
 
 def _heights(analysis: Analysis) -> NDArray[np.float64]:
@@ -70,6 +81,7 @@ RULE = Rule(
     name="other-unit",
     doc=__doc__ or "",
     check=check,
+    explains="errors",
     limits={
         "warning": Limit(value=10.0, unit="heights", source="ours: someone lying, in centimetres"),
         "error": Limit(

@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget.validation.analysis import Analysis
+from physretarget.validation.report import Cause
 from physretarget.validation.rule import Limit, Limits, Rule, Verdict
 
 _BLOCK = 4096
@@ -42,7 +43,11 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     given, turned = _beyond(analysis, np.array(hinges), limits["beyond"])
     if given < limits["share"] or turned > _AS_DEGREES:
         return Verdict()
-    return Verdict(findings=(rule.finding(
+    cause = Cause(
+        code=rule.code, message="the joints' angles are in degrees",
+        remedy="Multiply them by pi/180: a clip is in radians", value=given,
+    )  # fmt: skip
+    return Verdict(causes=(cause,), findings=(rule.finding(
         severity="error",
         message=f"{given:.0%} of all hinge angles are far beyond their range, read as degrees "
         f"{turned:.0%}: if they are in degrees, multiply them by pi/180, a clip is in radians",

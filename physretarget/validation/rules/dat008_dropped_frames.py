@@ -26,6 +26,7 @@ from __future__ import annotations
 import numpy as np
 
 from physretarget.validation.analysis import Analysis
+from physretarget.validation.report import Cause
 from physretarget.validation.rule import Limit, Limits, Rule, Verdict
 
 
@@ -41,11 +42,14 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     severe = len(at) >= limits["places"]
     where = "once" if len(at) == 1 else f"in {len(at)} places"
     frame = int(at[0]) + 1
-    return Verdict(findings=(rule.finding(
-        severity="error" if severe else "warning",
-        message=f"{missing} frame{'s are' if missing > 1 else ' is'} missing {where}, though the "
-        f"time goes on evenly: the pose goes on by {int(seen.skipped[at[0]]) + 1} steps at once. "
-        "Give the clip its true times, or fill in the missing frames",
+    message = (
+        f"{missing} frame{'s are' if missing > 1 else ' is'} missing {where}, though the time goes "
+        f"on evenly: the pose goes on by {int(seen.skipped[at[0]]) + 1} steps at once"
+    )
+    remedy = "Give the clip its true times, or fill in the missing frames"
+    cause = Cause(code=rule.code, message=message, remedy=remedy, value=float(missing))
+    return Verdict(causes=(cause,) if severe else (), findings=(rule.finding(
+        severity="error" if severe else "warning", message=f"{message}. {remedy}",
         frame_first=analysis.clip_frame(frame - 1), frame_last=analysis.clip_frame(int(at[-1]) + 1),
         frame=analysis.clip_frame(frame), time_s=float(analysis.time[frame]),
         value=float(missing), limit=limits["places"] if severe else 0.0, unit="frames",
