@@ -7,8 +7,6 @@ file decide: forward kinematics under the right order reproduces them.
 
 from __future__ import annotations
 
-from collections import deque
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,6 +16,7 @@ from physretarget.clip.core import Floats
 from physretarget.clip.raw import Layout, Raw, Told, rows_of
 from physretarget.clip.scratch import Rows
 from physretarget.errors import InputError
+from physretarget.kinematics.order import breadth_first, breadth_first_bodies
 from physretarget.options.motion import JointOrder
 
 # Files are float32 and models differ by rounding; the wrong order is off by centimetres.
@@ -86,7 +85,7 @@ def _order(
     tree = character.tree
     orders: dict[JointOrder, NDArray[np.int64]] = {
         "model": np.arange(tree.nq),
-        "breadth-first": _breadth_first(tree),
+        "breadth-first": breadth_first(tree),
     }
     if told.joint_order is not None:
         notes.append(f"Joint order {told.joint_order} as told.")
@@ -110,29 +109,32 @@ def _order(
         f"Joint order {best} was found by comparing body positions with the model's kinematics "
         f"(worst {fits[best] * 1000:.2f} mm)."
     )
+    _note_bodies(qpos[:, orders[best]], probed, tree, notes)
     return orders[best]
 
 
-def _breadth_first(tree: kinematics.Tree) -> NDArray[np.int64]:
-    """For each qpos coordinate of the model, its column in a breadth-first file."""
-    children: dict[int, list[int]] = {}
-    for body in range(1, tree.nb):
-        children.setdefault(int(tree.parent[body]), []).append(body)
-    visited, queue = [], deque([0])
-    while queue:
-        body = queue.popleft()
-        visited.append(body)
-        queue.extend(children.get(body, []))
-    width = {"free": 7, "ball": 4, "hinge": 1, "slide": 1}
-    addresses = [
-        joint.qpos + i
-        for body in visited
-        for joint in tree.joints_of[body]
-        for i in range(width[joint.kind])
-    ]
-    columns = np.empty(tree.nq, dtype=np.int64)
-    columns[addresses] = np.arange(tree.nq)
-    return columns
+def _note_bodies(qpos: Floats, bodies: Floats, tree: kinematics.Tree, notes: list[str]) -> None:
+    """Say so where the file's bodies are in breadth-first order: nothing but the root is read of
+    them, and who takes them for the model's order has every limb elsewhere."""
+    ours = kinematics.forward(tree, qpos).position
+    level = breadth_first_bodies(tree)
+    first = tree.nb - bodies.shape[1]  # 1 where the world is left out
+    if first not in (0, 1) or (level == np.arange(tree.nb)).all():
+        return
+    apart = {
+        name: float(np.linalg.norm(bodies - ours[:, order[first:]], axis=-1).max())
+        for name, order in (("model", np.arange(tree.nb)), ("breadth-first", level))
+    }
+    if apart["breadth-first"] <= _AGREE < apart["model"]:
+        notes.append(
+            "Its bodies are in breadth-first order, not in the model's (by body positions, up to "
+            f"{apart['model'] * 1000:.0f} mm apart)."
+        )
+    elif min(apart.values()) > _AGREE:
+        notes.append(
+            "Its bodies are in neither the model's order nor a breadth-first one: their positions "
+            f"lie up to {min(apart.values()) * 1000:.0f} mm from the bodies of that number."
+        )
 
 
 def _picked(array: Frames, wanted: NDArray[np.int64]) -> Floats:

@@ -6,7 +6,6 @@ it is: that it explains what is wrong is the proof, no name and no convention.""
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -14,8 +13,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from physretarget.kinematics import Tree, quat_conjugate, quat_multiply
+from physretarget.kinematics.order import breadth_first
 from physretarget.mjcf import Character
-from physretarget.validation.evidence import Evidence, Floats, Ints, evidence
+from physretarget.validation.evidence import Evidence, Floats, evidence
 
 # A reading must halve what is wrong, and by more than what a body that stands well has anyway: 3 cm
 # of slip and stray for each metre of height.
@@ -102,28 +102,6 @@ def _joint_orders(tree: Tree) -> Iterator[Reading]:
         "joints", "its joints are in the model's order and were taken for breadth-first ones",
         remedy.format("model"), lambda q: q[:, back],
     )  # fmt: skip
-
-
-def breadth_first(tree: Tree) -> Ints:
-    """For each qpos coordinate of the model, its column in a breadth-first file."""
-    children: dict[int, list[int]] = {}
-    for body in range(1, tree.nb):
-        children.setdefault(int(tree.parent[body]), []).append(body)
-    visited, queue = [], deque([0])
-    while queue:
-        body = queue.popleft()
-        visited.append(body)
-        queue.extend(children.get(body, []))
-    width = {"free": 7, "ball": 4, "hinge": 1, "slide": 1}
-    addresses = [
-        joint.qpos + i
-        for body in visited
-        for joint in tree.joints_of[body]
-        for i in range(width[joint.kind])
-    ]
-    columns = np.empty(tree.nq, dtype=np.int64)
-    columns[addresses] = np.arange(tree.nq)
-    return columns
 
 
 def _quaternions(root: int) -> Iterator[Reading]:

@@ -203,6 +203,27 @@ def test_mjlab_joint_order_is_found_by_kinematics(tmp_path: Path, order: str) ->
     assert any(order in n for n in read.notes)
 
 
+@pytest.mark.parametrize("joints", ["model", "breadth-first"])
+@pytest.mark.parametrize("bodies", ["model", "breadth-first"])
+def test_mjlab_body_order_is_told_apart_from_that_of_joints(
+    tmp_path: Path, joints: str, bodies: str
+) -> None:
+    toy, qpos = Toy(), motion()
+    pose = forward(toy.tree, qpos)
+    order = [1, 2, 3, 4, 5] if bodies == "model" else [1, 2, 4, 3, 5]
+    columns = [7, 8, 9, 10] if joints == "model" else [7, 9, 8, 10]
+    quat = np.tile([1.0, 0, 0, 0], (12, 5, 1))
+    quat[:, 0] = qpos[:, 3:7]
+    np.savez(
+        tmp_path / "m.npz", fps=50, joint_pos=qpos[:, columns],
+        body_pos_w=pose.position[:, order], body_quat_w=quat,
+    )  # fmt: skip
+    read = load_clip(tmp_path / "m.npz", character=toy)
+    np.testing.assert_allclose(read.qpos, qpos, atol=1e-6)
+    told = any("bodies are in breadth-first order" in n for n in read.notes)
+    assert told == (bodies == "breadth-first")
+
+
 def test_mjlab_unsettled_order_is_asked_for(tmp_path: Path) -> None:
     quat = np.tile([1.0, 0, 0, 0], (12, 5, 1))
     np.savez(

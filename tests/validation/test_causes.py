@@ -12,10 +12,10 @@ from scipy.spatial.transform import Rotation
 
 from physretarget.clip import Clip, load_clip
 from physretarget.kinematics import quat_conjugate, quat_multiply
+from physretarget.kinematics.order import breadth_first
 from physretarget.mjcf import Character
 from physretarget.validation import Report, Settings, validate
 from physretarget.validation.causes import likeliest
-from physretarget.validation.readings import breadth_first
 from physretarget.validation.report import Cause
 
 Array = NDArray[np.float64]

@@ -13,11 +13,11 @@ from scipy.spatial.transform import Rotation
 
 from physretarget.clip import Clip
 from physretarget.kinematics import quat_multiply
+from physretarget.kinematics.order import breadth_first
 from physretarget.mjcf import Character
 from physretarget.report.rules import rules_page
 from physretarget.validation import BY_CODE, RULES, Report, Settings, validate
 from physretarget.validation.codes import RETIRED
-from physretarget.validation.readings import breadth_first
 
 Case = tuple[Clip, Character]
 FIRING: dict[str, Callable[[Character, Clip, Clip], Case]] = {}
