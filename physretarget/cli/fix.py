@@ -29,10 +29,10 @@ def fix_command(
     clips: Annotated[list[Path], typer.Argument(metavar="CLIP...", help="Clips to mend.")],
     given: Given,
 ) -> None:
-    """Mend slide, float, sink and lean of clips by the least change of the whole body.
+    """Mend slide, float, sink and lean of clips.
 
-    Which bodies stand is found in the clip. Prints the verdict before and after, and how far the
-    pose was moved. Exit code 1 if errors remain.
+    By the least change of the whole body. Which bodies stand is found in the clip. Prints the
+    verdict before and after, and how far the pose was moved. Exit code 1 if errors remain.
     """
     output = build(FixOutput, given)
     several = len(clips) > 1
