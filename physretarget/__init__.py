@@ -52,6 +52,7 @@ _WHERE = {
     "Retargeted": ("pipeline", "Retargeted"),
     "Settings": ("validation", "Settings"),
     "TrainedMapper": ("trained", "TrainedMapper"),
+    "simulate": ("simulate", "simulate"),
     "convert": ("conversion", "convert"),
     "forces": ("kinetics", "forces"),
     "learn": ("trained", "learn"),
@@ -84,6 +85,7 @@ __all__ = [
     "load_clip",
     "load_keyposes",
     "retarget",
+    "simulate",
     "validate",
 ]
 

@@ -26,6 +26,7 @@ COMMANDS = {
     "validate": ("validate", "Judge clips, or all clips of a folder, by physics."),
     "rules": ("validate", "Explain the rules: meaning, threshold, source."),
     "inspect": ("inspect", "Audit a character, or show how a capture is read."),
+    "simulate": ("simulate", "Play a clip forward in MuJoCo, by joint torques."),
     "replay": ("replay", "Play a clip with its forces: a window, a film or a page."),
     "forces": ("forces", "Ground forces of a capture, per foot, without plates."),
     "convert": ("convert", "Convert a clip between file formats."),

@@ -143,9 +143,10 @@ class Clip(Motion):
 
     def to_bytes(self) -> bytes:
         """The bytes of the clip file: members sorted by name, dates fixed."""
-        return npz_bytes(self._arrays())
+        return npz_bytes(self.arrays())
 
-    def _arrays(self) -> dict[str, NDArray[Any]]:
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Members of the clip file, by name."""
         meta = json.dumps(dict(self.meta), sort_keys=True, ensure_ascii=True, allow_nan=False)
         arrays: dict[str, NDArray[Any]] = {
             "qpos": np.ascontiguousarray(self.qpos, dtype="<f8"),

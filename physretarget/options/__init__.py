@@ -19,11 +19,11 @@ value then arrives in the settings object; nothing else is written by hand.
 **To add a command**, give it a ``Schema``, write its function in a module of
 :mod:`physretarget.cli` and add a line to ``COMMANDS`` there::
 
-    SIMULATE = Schema(name="simulate", files=(ClipModel,), shared=(ClipOptions, SimulationOptions))
+    SMOOTH = Schema(name="smooth", files=(ClipModel,), shared=(ClipOptions, SmoothingOptions))
 
-    @command(app, "simulate", SIMULATE, example="physretarget simulate jump.npz --model lamp.xml")
-    def simulate_command(clip: ClipArgument, given: Given) -> None:
-        settings = build(SimulationOptions, given)
+    @command(app, "smooth", SMOOTH, example="physretarget smooth jump.npz --model lamp.xml")
+    def smooth_command(clip: ClipArgument, given: Given) -> None:
+        settings = build(SmoothingOptions, given)
 
 ``given`` holds the options that were typed, by name, checked. ``build`` makes a settings object of
 them; what was not typed has its default. The same mapping is what a suite's case and the service's
@@ -49,6 +49,7 @@ from physretarget.options.schema import (
     RETARGET,
     SCHEMAS,
     SHEET,
+    SIMULATE,
     STREAM,
     SUGGEST,
     VALIDATE,
@@ -73,6 +74,7 @@ __all__ = [
     "RETARGET",
     "SCHEMAS",
     "SHEET",
+    "SIMULATE",
     "STREAM",
     "SUGGEST",
     "VALIDATE",

@@ -51,6 +51,7 @@ from physretarget.options.retargeting import (
     StreamOptions,
     StreamSource,
 )
+from physretarget.options.simulation import SimulationOptions, SimulationOutput
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,6 +156,12 @@ FIX = Schema(
     shared=(ValidationOptions, ClipOptions),
     here=(FixOutput,),
 )
+SIMULATE = Schema(
+    name="simulate",
+    files=(ClipModel,),
+    shared=(SimulationOptions, ClipOptions),
+    here=(SimulationOutput,),
+)
 CONVERT = Schema(name="convert", shared=(ClipOptions,), here=(ConversionOptions,))
 REPLAY = Schema(name="replay", files=(ClipModel,), shared=(ClipOptions,), here=(ReplayOptions,))
 LIBRARY = Schema(name="face library", files=(RigFile,), here=(LibraryOptions,))
@@ -179,5 +186,5 @@ JOBS = {each.name: each for each in (VALIDATE, RETARGET)}
 """What the service and the suite do, by the name of the kind."""
 SCHEMAS = (
     VALIDATE, LEARN, RETARGET, FORCES, INSPECT, STREAM, CONVERT, REPLAY, LIBRARY, MATCH, REDUCE,
-    CHECK, SHEET, SUGGEST, PROPOSE,
+    CHECK, SHEET, SUGGEST, PROPOSE, SIMULATE,
 )  # fmt: skip
