@@ -29,6 +29,7 @@ from physretarget.face.ruhland import (
 from physretarget.face.shot import Shot, Take
 from physretarget.face.sources import Piece, Shapes, named, span_sources
 from physretarget.face.spans import HOLD, KINDS
+from physretarget.face.style import Clues, Style, keyed_by, learn
 from physretarget.face.warp import within_range
 from physretarget.options.facial import MatchOptions
 
@@ -40,9 +41,12 @@ DOUBT = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class MatchSettings(MatchOptions):
-    """What the options leave out. doubt: see DOUBT."""
+    """What the options leave out. doubt: see DOUBT. learned: let the library teach where keys go;
+    without, the programme alone decides (the control).
+    """
 
     doubt: float = DOUBT
+    learned: bool = True
 
 
 @dataclass(frozen=True)
@@ -95,10 +99,11 @@ class Result:
 
 @dataclass(frozen=True, eq=False)
 class Banks:
-    """What is made of a library once and kept between calls: shapes and dictionaries."""
+    """What is made of a library once and kept between calls: shapes, dictionaries, styles."""
 
     shapes: dict[tuple[str, ...], Shapes] = field(default_factory=dict)
     entries: dict[tuple[object, ...], list[Entry]] = field(default_factory=dict)
+    styles: dict[tuple[float, ProgrammeSettings], Style | None] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,9 +249,9 @@ def _by_programme(
     progress: Callable[[str], None],
 ) -> list[_Draft]:
     """The default: keys where the take's own likelihood and prices put them."""
-    progress(f"{len(job.channels)} channels")
     wanted = ProgrammeSettings(key_price=settings.key_cost, level=settings.fidelity)
-    scores = programme(job.values, job.take.fps, wanted, pinned=[list(f) for f in job.locked])
+    pinned = [list(frames) for frames in job.locked]
+    scores = _scores(job, library, settings, wanted, pinned, banks, progress)
     drafts = []
     for row, (channel, score) in enumerate(zip(job.channels, scores, strict=True)):
         whole = _from_itself(job, row, library, rig, banks)
@@ -265,6 +270,31 @@ def _by_programme(
             _draft_of_chain(job, row, chain, score, library, banks.shapes[patterns], settings)
         )
     return drafts
+
+
+def _scores(
+    job: _Job,
+    library: Library,
+    settings: MatchSettings,
+    wanted: ProgrammeSettings,
+    pinned: list[list[int]],
+    banks: Banks,
+    progress: Callable[[str], None],
+) -> list[Score]:
+    """The programme's, and the style's where the library has one; channels at rest stay at rest."""
+    style = None
+    fps = round(job.take.fps, 3)
+    if settings.learned:
+        if (fps, wanted) not in banks.styles:
+            banks.styles[fps, wanted] = learn(library, fps, wanted, progress=progress)
+        style = banks.styles[fps, wanted]
+    progress(f"{len(job.channels)} channels")
+    scores = programme(job.values, job.take.fps, wanted, pinned=pinned)
+    if style is None:
+        return scores
+    keyed = keyed_by(style, Clues(scores, job.values, job.take.fps), pinned)
+    rests = [(s.chain.kinds == HOLD).all() for s in scores]
+    return [a if rest else b for a, b, rest in zip(scores, keyed, rests, strict=True)]
 
 
 def _from_itself(job: _Job, row: int, library: Library, rig: Rig, banks: Banks) -> list[Claim]:

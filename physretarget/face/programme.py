@@ -70,6 +70,7 @@ def programme(
     *,
     pinned: Sequence[Sequence[int]] | None = None,
     posterior: bool = True,
+    cheaper: Array | None = None,
 ) -> list[Score]:
     """The likeliest keys of every channel.
 
@@ -79,6 +80,7 @@ def programme(
         settings: prices.
         pinned: per channel frames that are keys whatever they cost.
         posterior: compute the probabilities too.
+        cheaper: (C, M) nats by which a key at a frame costs less: what else is known of key times.
     """
     chosen = settings or ProgrammeSettings()
     frames = values.shape[1]
@@ -87,7 +89,7 @@ def programme(
     level = np.maximum(noise_level(values, smooth, fps), chosen.level)
     for number in range(chosen.rounds + 1):
         weight = 1.0 / (level[:, None] ** 2 + JITTER * np.gradient(smooth, axis=1) ** 2)
-        search = _Search(values, weight, smooth, fps, chosen, _reaches(forced, frames))
+        search = _Search(values, weight, smooth, fps, chosen, _reaches(forced, frames), cheaper)
         chains = search.chains()
         if number == chosen.rounds and chosen.reach:
             chains = [
@@ -123,6 +125,7 @@ class _Search:
     fps: float
     settings: ProgrammeSettings
     reach: Ints
+    cheaper: Array | None = None
 
     @property
     def tried(self) -> Ints:
@@ -151,9 +154,11 @@ class _Search:
                 self.values[:, part], self.weight[:, part], self.anchor[:, part],
                 self.settings.firm, tried, starts,
             )  # fmt: skip
-            for x, (_, cost) in enumerate(costs):
+            for x, (n, cost) in enumerate(costs):
                 cost += dear[:, None, None]
                 room = cost.shape[2]
+                if self.cheaper is not None:
+                    cost -= self.cheaper[None, :, first + n : first + n + room]
                 kinds[:, :room, x] = cost.argmin(axis=0)
                 best[:, :room, x] = cost.min(axis=0)
                 holds[:, :room, x] = cost[HOLD]

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from physretarget.face.curve import Curve
 from physretarget.face.keyfit import Chain
 from physretarget.face.library import Library
-from physretarget.face.spans import HOLD, KINDS
+from physretarget.face.spans import HOLD, eases, misfit
 
 Array = NDArray[np.float64]
 MARGIN = 3.0
@@ -135,33 +135,12 @@ def span_sources(
             told.append((None, 0.0))
             continue
         part = slice(first, last + 1)
-        u = np.linspace(0.0, 1.0, last - first + 1)
-        generic = np.stack([_ease(k.start, k.end, u) for k in KINDS if k.start is not None])
-        best = _misfit(generic, values[part], weight[part]).min()
-        # Long spans are thinned: the shapes have no more detail than their samples.
-        own = _misfit(shapes.at(last - first), values[part], weight[part])
+        best = misfit(eases(last - first), values[part], weight[part]).min()
+        own = misfit(shapes.at(last - first), values[part], weight[part])
         winner = int(own.argmin())
         margin = float(best - own[winner]) - shapes.chance
         told.append((shapes.origins[winner] if margin > MARGIN else None, max(margin, 0.0)))
     return told
-
-
-def _ease(start: float, end: float | None, u: Array) -> Array:
-    last = end or 0.0
-    shape: Array = start * u + (3 - 2 * start - last) * u**2 + (start + last - 2) * u**3
-    return shape
-
-
-def _misfit(shapes: Array, values: Array, weight: Array) -> Array:
-    """(S,) half the weighted squared misfit of ``a + r shape``, both free."""
-    total = weight.sum()
-    level = float(weight @ values) / total
-    target = values - level
-    centred = shapes - (shapes @ weight)[:, None] / total
-    seen = centred @ (weight * target)
-    power = np.maximum((centred**2) @ weight, 1e-12)
-    misfit: Array = 0.5 * (float(weight @ target**2) - seen**2 / power)
-    return misfit
 
 
 def named(piece: Piece, origin: Origin, library: Library, height: float) -> dict[str, object]:

@@ -129,3 +129,41 @@ def _won(kind: Kind, gram: list[Array], rhs: list[Array]) -> Array:
     rise = (gram[0] * seen - one * rhs[0]) / det
     level = (two * rhs[0] - one * seen) / det
     return level * rhs[0] + rise * seen
+
+
+_FEWER = 3.0  # nats that an ease must gain over a hold between the same keys
+
+
+def misfit(shapes: Array, values: Array, weight: Array) -> Array:
+    """(S,) half the weighted squared misfit of ``a + r shape``, both free."""
+    total = weight.sum()
+    level = float(weight @ values) / total
+    target = values - level
+    centred = shapes - (shapes @ weight)[:, None] / total
+    seen = centred @ (weight * target)
+    power = np.maximum((centred**2) @ weight, 1e-12)
+    left: Array = 0.5 * (float(weight @ target**2) - seen**2 / power)
+    return left
+
+
+def eases(n: int) -> Array:
+    """(K, n + 1) every kind's unit shape on the frames of a span; a hold's is zero."""
+    u = np.linspace(0.0, 1.0, n + 1)
+    shapes = np.zeros((len(KINDS), n + 1))
+    for number, kind in enumerate(KINDS):
+        if kind.start is not None and kind.end is not None:
+            a, b = kind.start, kind.end
+            shapes[number] = a * u + (3 - 2 * a - b) * u**2 + (a + b - 2) * u**3
+    return shapes
+
+
+def likeliest_kinds(frames: NDArray[np.intp], values: Array, weight: Array) -> NDArray[np.intp]:
+    """Per span between given keys the kind that explains it best at its price."""
+    dear = np.array([k.dear for k in KINDS])
+    found = []
+    for first, last in zip(frames[:-1].tolist(), frames[1:].tolist(), strict=True):
+        part = slice(first, last + 1)
+        cost = misfit(eases(last - first), values[part], weight[part]) + dear
+        cost[HOLD] -= _FEWER
+        found.append(int(cost.argmin()))
+    return np.array(found, dtype=np.intp)
