@@ -12,6 +12,11 @@ The paper's eq. (6) and (8) lack masses; about the centre of mass all is exact a
     P_c + m_c (v + ω × p) = s_m s_d P_h     gives v_x and v_y, p the centre of mass
 
 The other directions are kept: the key poses have decided them.
+
+The actor is the reference actor, onto which every capture's joint rotations are carried, its path
+scaled by leg length. The paper had one actor; s_d of each capture's own would hang on how its file
+cuts the skeleton (0.67 or 1.10 for equal legs), and the stream, which sees the reference actor
+only, would go another way.
 """
 
 from __future__ import annotations

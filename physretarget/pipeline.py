@@ -135,11 +135,15 @@ def _silent(_: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class _Run:
-    """What every stage after the mapping needs."""
+    """What every stage after the mapping needs.
+
+    ``actor`` is the reference actor, ``reference`` the motion on it, ``motion`` that of the actor.
+    """
 
     character: Character
     actor: Character
     motion: ActorMotion
+    reference: ActorMotion
     mapped: Mapped
     settings: RetargetSettings
     watch: _Stopwatch
@@ -197,7 +201,7 @@ def retarget(
     watch.start("pose")
     pose = ik.follow(character, mapped.mean, motion.fps, start=mapper.nearest_pose(y))
 
-    run = _Run(character, actor, motion, mapped, settings, watch)
+    run = _Run(character, mapper.actor, motion, reference, mapped, settings, watch)
     if phases is not None:
         phases = phases.at(motion.time)
     elif run.reaches("contacted"):
@@ -263,7 +267,7 @@ def _on_the_floor(
                 run.character,
                 pose.qpos,
                 run.actor,
-                run.motion.qpos,
+                run.reference.qpos,
                 run.motion.time,
                 heading=run.settings.heading,
             )

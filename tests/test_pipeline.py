@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 
 from physretarget import capture, kinematics
-from physretarget.capture.actor import ActorMotion
+from physretarget.capture.actor import SEGMENT, ActorMotion, ActorShape
 from physretarget.contact import detect_phases
 from physretarget.demo import models_folder
 from physretarget.errors import InputError, PhysretargetError, UsageError
 from physretarget.keyposes import load_keyposes
 from physretarget.mjcf import Character
 from physretarget.pipeline import STAGES, RetargetSettings, _longest_run, retarget
+from physretarget.stream import Streamer
 from physretarget.trained import TrainedMapper, learn
 from physretarget.validation import validate
 
@@ -177,6 +178,41 @@ def test_every_real_capture_gives_a_clip_that_can_be_judged(data: Path, mapper, 
         assert result.contacted.slide_max_m < 0.002, path.name
         assert result.contacted.sink_max_m < 0.005, path.name
     assert failed == {}
+
+
+def test_how_a_file_cuts_its_skeleton_does_not_change_the_way(jump, mapper) -> None:
+    """Same legs, but a longer chain of trunk joints and shorter arms: the same path, to the mm."""
+    shape = jump.shape
+    offset, tip = shape.offset.copy(), shape.tip.copy()
+    trunk, arms = SEGMENT["chest"], [SEGMENT[f"{side}_forearm"] for side in ("left", "right")]
+    offset[trunk] *= 1.4
+    offset[arms] *= 0.7
+    other = replace(shape, offset=offset, tip=tip)
+    assert other.leg_length == pytest.approx(shape.leg_length)
+    until = RetargetSettings(until="placed")
+    here = retarget(jump, mapper, settings=until)
+    there = retarget(replace(jump, shape=other), mapper, settings=until)
+    assert here.placed is not None
+    assert there.placed is not None
+    np.testing.assert_allclose(here.placed.qpos, there.placed.qpos, atol=2e-3)
+
+
+def test_the_stream_goes_the_same_way(jump, mapper, lamp) -> None:
+    """One momentum scale: the way of the placed root agrees within 3 %."""
+    big = replace(jump, qpos=jump.qpos * np.r_[[1.15] * 3, np.ones(72)], shape=bigger(jump.shape))
+    batch = retarget(big, mapper, settings=RetargetSettings(until="placed"))
+    reference = batch.motion.on(ActorShape.reference())
+    stream = Streamer(mapper)
+    frames = zip(reference.time, reference.qpos, strict=True)
+    placed = np.array([posed.placed for posed in stream.play(frames)])
+    assert batch.placed is not None
+    ends = [np.linalg.norm(qpos[-1, :2] - qpos[0, :2]) for qpos in (placed, batch.placed.qpos)]
+    assert ends[0] == pytest.approx(ends[1], rel=0.03, abs=0.003)
+
+
+def bigger(shape: ActorShape) -> ActorShape:
+    """15 % larger in every length."""
+    return replace(shape, offset=1.15 * shape.offset, tip=1.15 * shape.tip, heel=1.15 * shape.heel)
 
 
 @pytest.mark.slow
