@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from physretarget.options.judging import Severity
 from physretarget.validation.rule import Limits
 
-# Of white noise the largest jump in 10 000 frames is five times its deviation.
-_ABOVE_NOISE = 6.0
+# Of white noise the largest jump in 10 000 frames is five times its deviation, and
+# its estimate from a second may be a third too small.
+_ABOVE_NOISE = 8.0
 _WARNING = 0.6  # share of the limit of an error
 
 

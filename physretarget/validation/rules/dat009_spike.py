@@ -15,7 +15,7 @@ the motion: a shock there and back that no body makes.
 Threshold
 ---------
 Of the root 8 mm and 2.3 degrees are errors, 0.6 of that warns; of a joint 11 degrees. To each comes
-what the accelerations listed move a body in one step of the clip, and six times the noise around.
+what the accelerations listed move a body in one step of the clip, and eight times the noise around.
 Ours.
 
 Example

@@ -16,7 +16,7 @@ meaningless.
 Threshold
 ---------
 Of the root 1 cm and 2.3 degrees are errors, half a centimetre and 1.4 degrees warn; of a joint 14
-degrees. To each comes what the accelerations listed move a body in one step of the clip, and six
+degrees. To each comes what the accelerations listed move a body in one step of the clip, and eight
 times the noise around: simulations with impacts stay below at 60 frames/s and more. Ours.
 
 Example
