@@ -62,7 +62,8 @@ def serve_command(
         list[str] | None,
         typer.Option(
             "--name", metavar="HOST",
-            help="A public name, such as that of a proxy; may be given several times.",
+            help="A public name, such as that of a proxy, which needs tokens; may be given several "
+            "times.",
         ),
     ] = None,
     limit: Annotated[
@@ -94,7 +95,7 @@ def serve_command(
     settings = Settings(
         data=data, history=_history(history), workers=workers, rate=rate,
         hosts=(*(LOOPBACK if local or name else ()), *({host} if local else ()), *(name or ())),
-        require_tokens=not local,
+        require_tokens=not local or bool(name),
     )  # fmt: skip
     settings = replace(settings, limits=_limits(Limits(), limit or []))
     Home(data)

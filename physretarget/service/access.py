@@ -96,8 +96,11 @@ def _open(
     ] = None,
 ) -> Caller:
     """As read, or with a ticket for exactly this path."""
-    if ticket is not None and service.tickets.valid(ticketed(request), ticket):
-        return Caller("ticket", "read")
+    holder = service.tickets.holder(ticketed(request), ticket) if ticket is not None else None
+    scope = service.tokens.holds(holder) if holder is not None else None
+    if holder is not None and scope is not None:
+        # As its maker sees things, who may have lost the token since.
+        return Caller(holder, scope)
     return _guard("read")(request, service, given)
 
 

@@ -24,6 +24,7 @@ from physretarget.service.submission import (
     enqueue,
     same_or_conflict,
 )
+from physretarget.service.tokens import Caller
 from physretarget.service.uploads import Bounds, received
 from physretarget.suite.queue import JobRecord
 
@@ -41,9 +42,9 @@ _Key = Annotated[
 ]  # fmt: skip
 
 
-def job_of(service: Service, id: str) -> JobRecord:
-    """The job, or 404."""
-    found = service.queue.get(id)
+def job_of(service: Service, id: str, caller: Caller) -> JobRecord:
+    """The job that the caller may read, or 404."""
+    found = service.queue.get(id, caller.owner)
     if found is None:
         raise ApiError(404, "There is no such job.")
     return found
@@ -88,12 +89,12 @@ async def submit(
     )  # fmt: skip
     idempotency = f"{caller.id}:{key}" if key else None
     async with received(request, service.home.incoming, bounds) as form:
-        drafted = await to_thread.run_sync(draft, form, service)
+        drafted = await to_thread.run_sync(draft, form, service, caller.owner)
         known = await to_thread.run_sync(service.queue.find, idempotency) if idempotency else None
         if known is None:
             admitted = await admit(drafted, form, service)
             job, _ = await to_thread.run_sync(
-                enqueue, drafted, form, service, admitted, idempotency
+                enqueue, drafted, form, service, admitted, idempotency, caller
             )
         else:
             same_or_conflict(known, drafted)
@@ -115,7 +116,13 @@ def list_jobs(
 ) -> JobPage:
     """Jobs, newest first."""
     found = service.queue.page(
-        status=status, kind=kind, q=q, model=model, before=cursor, limit=limit + 1
+        status=status,
+        kind=kind,
+        q=q,
+        model=model,
+        before=cursor,
+        limit=limit + 1,
+        owner=caller.owner,
     )
     return JobPage(
         items=[shown(job) for job in found[:limit]],
@@ -126,13 +133,13 @@ def list_jobs(
 @router.get("/jobs/{id}", response_model=Job, responses=responses(404, 422, *GUARDED))
 def get_job(id: schemas.Id, service: ServiceOf, caller: Reader) -> Job:
     """One job."""
-    return shown(job_of(service, id))
+    return shown(job_of(service, id, caller))
 
 
 @router.post("/jobs/{id}/cancel", response_model=Job, responses=responses(404, 409, 422, *GUARDED))
 def cancel_job(id: schemas.Id, service: ServiceOf, caller: Submitter) -> Job:
     """Cancel a job: a queued one at once, a running one as soon as its process has ended."""
-    job = service.queue.cancel(id)
+    job = service.queue.cancel(id, caller.owner)
     if job is None:
         raise ApiError(404, "There is no such job.")
     if job.status in ("done", "failed"):
@@ -147,10 +154,21 @@ def cancel_job(id: schemas.Id, service: ServiceOf, caller: Submitter) -> Job:
 @router.delete("/jobs/{id}", status_code=204, responses=responses(404, 409, 422, *GUARDED))
 def delete_job(id: schemas.Id, service: ServiceOf, caller: Submitter) -> Response:
     """Delete a job that has ended, with its results."""
-    if not service.delete_job(id):
-        job = job_of(service, id)
+    if not service.delete_job(id, caller.owner):
+        job = service.queue.get(id, caller.owner)
+        if job is None or (caller.owner is not None and job.belongs_to != caller.owner):
+            raise ApiError(404, "There is no such job of yours.")
         raise ApiError(409, f"The job is {job.status}; cancel it first.")
     return Response(status_code=204)
+
+
+@router.post("/jobs/{id}/share", response_model=Job, responses=responses(404, 422, *GUARDED))
+def share_job(id: schemas.Id, service: ServiceOf, caller: Submitter, shared: bool = True) -> Job:
+    """Let every token read a job of yours and its results, or no longer."""
+    job = service.queue.share(id, shared, caller.owner)
+    if job is None:
+        raise ApiError(404, "There is no such job of yours.")
+    return shown(job)
 
 
 @router.get(
@@ -172,18 +190,20 @@ async def follow(
     last: Annotated[str | None, Header(alias="Last-Event-ID", max_length=40)] = None,
 ) -> StreamingResponse:
     """Follow a job until it ends; a comment now and then keeps the connection alive."""
-    job = await to_thread.run_sync(job_of, service, id)
+    job = await to_thread.run_sync(job_of, service, id, caller)
     if service.streams >= service.settings.streams:
         raise ApiError(503, "Too many jobs are being followed.", headers={"Retry-After": "5"})
     seen = int(last) if last and last.isascii() and last.isdigit() else 0
     return StreamingResponse(
-        _events(service, job, seen),
+        _events(service, job, seen, caller),
         media_type="text/event-stream",
         headers={"Cache-Control": "no-store", "X-Accel-Buffering": "no"},
     )
 
 
-async def _events(service: Service, job: JobRecord, seen: int) -> AsyncIterator[str]:
+async def _events(
+    service: Service, job: JobRecord, seen: int, caller: Caller
+) -> AsyncIterator[str]:
     service.streams += 1
     try:
         quiet = 0.0
@@ -196,6 +216,8 @@ async def _events(service: Service, job: JobRecord, seen: int) -> AsyncIterator[
                 seen, quiet = current.revision, 0.0
             if current.ended or service.stopping:
                 return
+            if await to_thread.run_sync(service.tokens.holds, caller.id) is None:
+                return  # the token was revoked meanwhile
             await asyncio.sleep(_LOOK_S)
             quiet += _LOOK_S
             if quiet >= service.settings.stream_heartbeat:

@@ -49,7 +49,7 @@ async def add_clip(
         if upload is None:
             raise ApiError(422, "A file is needed.", field="file")
         await service.checks.motion(upload)
-        made = await to_thread.run_sync(service.add_clip, upload)
+        made = await to_thread.run_sync(service.add_clip, upload, caller.id)
     response.headers["Location"] = f"/api/v1/clips/{made.id}"
     return _shown_clip(made)
 
@@ -59,7 +59,7 @@ def list_clips(
     service: ServiceOf, caller: Reader, q: Text = None, limit: Limit = 50, cursor: Cursor = None
 ) -> ClipPage:
     """Clips, newest first."""
-    found = service.registry.clips(q=q, before=cursor, limit=limit + 1)
+    found = service.registry.clips(q=q, before=cursor, limit=limit + 1, owner=caller.owner)
     return ClipPage(
         items=[_shown_clip(clip) for clip in found[:limit]],
         next=found[limit - 1].id if len(found) > limit else None,
@@ -69,7 +69,7 @@ def list_clips(
 @router.get("/clips/{id}", response_model=Clip, responses=responses(404, 422, *GUARDED))
 def get_clip(id: schemas.Id, service: ServiceOf, caller: Reader) -> Clip:
     """One clip."""
-    found = service.registry.clip(id)
+    found = service.registry.clip(id, caller.owner)
     if found is None:
         raise ApiError(404, "There is no such clip.")
     return _shown_clip(found)
@@ -78,9 +78,18 @@ def get_clip(id: schemas.Id, service: ServiceOf, caller: Reader) -> Clip:
 @router.delete("/clips/{id}", status_code=204, responses=responses(404, 422, *GUARDED))
 def delete_clip(id: schemas.Id, service: ServiceOf, caller: Submitter) -> Response:
     """Delete a clip; jobs that were submitted with it are done all the same."""
-    if not service.delete_clip(id):
+    if not service.delete_clip(id, caller.owner):
         raise ApiError(404, "There is no such clip.")
     return Response(status_code=204)
+
+
+@router.post("/clips/{id}/share", response_model=Clip, responses=responses(404, 422, *GUARDED))
+def share_clip(id: schemas.Id, service: ServiceOf, caller: Submitter, shared: bool = True) -> Clip:
+    """Let every token use a clip of yours, or no longer."""
+    found = service.registry.clip(id, caller.owner)
+    if found is None or not service.registry.share("clips", id, shared, caller.owner):
+        raise ApiError(404, "There is no such clip of yours.")
+    return _shown_clip(found)
 
 
 def _shown_clip(clip: ClipRecord) -> Clip:
@@ -114,7 +123,7 @@ async def add_model(
         made = ModelRecord(
             id=new_id(), name=name, sha256=facts["sha256"], main=facts["main"],
             facts={k: facts[k] for k in ("mass_kg", "bodies", "joints", "findings")},
-            created=now(),
+            created=now(), belongs_to=caller.id,
         )  # fmt: skip
         files.rename(service.home.models / made.id)
         await to_thread.run_sync(service.registry.add_model, made)
@@ -142,7 +151,7 @@ async def list_models(
         facts = await service.builtin_facts()
         built = [_builtin(n, f) for n, f in facts.items() if not q or q.lower() in n]
     found = await to_thread.run_sync(
-        lambda: service.registry.models(q=q, before=cursor, limit=limit + 1)
+        lambda: service.registry.models(q=q, before=cursor, limit=limit + 1, owner=caller.owner)
     )
     return ModelPage(
         items=[*built, *(_shown_model(model) for model in found[:limit])],
@@ -155,7 +164,9 @@ async def get_model(id: str, service: ServiceOf, caller: Reader) -> Model:
     """One model."""
     if id in NAMES:
         return _builtin(id, (await service.builtin_facts())[id])
-    found = await to_thread.run_sync(service.registry.model, id) if _is_id(id) else None
+    found = (
+        await to_thread.run_sync(service.registry.model, id, caller.owner) if _is_id(id) else None
+    )
     if found is None:
         raise ApiError(404, "There is no such model.")
     return _shown_model(found)
@@ -166,9 +177,20 @@ def delete_model(id: str, service: ServiceOf, caller: Submitter) -> Response:
     """Delete a model; jobs that were submitted with it are done all the same."""
     if id in NAMES:
         raise ApiError(409, "The built-in models stay.")
-    if not _is_id(id) or not service.delete_model(id):
+    if not _is_id(id) or not service.delete_model(id, caller.owner):
         raise ApiError(404, "There is no such model.")
     return Response(status_code=204)
+
+
+@router.post("/models/{id}/share", response_model=Model, responses=responses(404, 422, *GUARDED))
+def share_model(
+    id: schemas.Id, service: ServiceOf, caller: Submitter, shared: bool = True
+) -> Model:
+    """Let every token use a model of yours, or no longer."""
+    found = service.registry.model(id, caller.owner)
+    if found is None or not service.registry.share("models", id, shared, caller.owner):
+        raise ApiError(404, "There is no such model of yours.")
+    return _shown_model(found)
 
 
 def _is_id(text: str) -> bool:

@@ -16,6 +16,7 @@ from physretarget.service.errors import ApiError, responses
 from physretarget.service.routes_jobs import job_of
 from physretarget.service.schemas import Compared
 from physretarget.service.service import Service
+from physretarget.service.tokens import Caller
 from physretarget.suite.queue import JobRecord
 
 router = APIRouter(prefix="/api/v1", tags=["results"])
@@ -44,9 +45,9 @@ _PAGE: dict[int | str, dict[str, Any]] = {
 }
 
 
-def finished(service: Service, id: str) -> tuple[JobRecord, Path]:
+def finished(service: Service, id: str, caller: Caller) -> tuple[JobRecord, Path]:
     """A job that is done and the folder of its results; 404 or 409 otherwise."""
-    job = job_of(service, id)
+    job = job_of(service, id, caller)
     if job.status != "done" or job.result is None:
         raise ApiError(409, f"The job is {job.status}: there are no results.")
     return job, service.home.job(id) / job.result
@@ -79,7 +80,7 @@ def report(
     id: schemas.Id, service: ServiceOf, caller: Viewer, format: schemas.Format = "json"
 ) -> FileResponse:
     """The report of a finished job."""
-    _, folder = finished(service, id)
+    _, folder = finished(service, id, caller)
     name, media = FORMATS[format]
     return _file(folder / name, media)
 
@@ -91,7 +92,7 @@ def report(
 )
 def replay(id: schemas.Id, service: ServiceOf, caller: Viewer) -> FileResponse:
     """The motion in 3D, as a page that needs nothing else."""
-    _, folder = finished(service, id)
+    _, folder = finished(service, id, caller)
     return _file(folder / "replay.html", "text/html")
 
 
@@ -110,7 +111,7 @@ def replay(id: schemas.Id, service: ServiceOf, caller: Viewer) -> FileResponse:
 )
 def clip(id: schemas.Id, service: ServiceOf, caller: Viewer) -> FileResponse:
     """The clip that a retargeting made."""
-    job, folder = finished(service, id)
+    job, folder = finished(service, id, caller)
     name = f"{Path(job.clip_name).stem or 'clip'}.npz"
     return _file(folder / "clip.npz", "application/octet-stream", name)
 
@@ -121,7 +122,7 @@ _Job = Annotated[str, Query(pattern=r"^[0-9a-z]{26}$")]
 @router.get("/compare", response_model=Compared, responses=responses(404, 409, 422, *GUARDED))
 def compare(service: ServiceOf, caller: Reader, left: _Job, right: _Job) -> Compared:
     """Two jobs' measures and findings side by side: is right better or worse than left?"""
-    return compared(_sides(service, left, right))
+    return compared(_sides(service, left, right, caller))
 
 
 @router.get(
@@ -131,11 +132,13 @@ def compare(service: ServiceOf, caller: Reader, left: _Job, right: _Job) -> Comp
 )
 def compare_replay(service: ServiceOf, caller: Viewer, left: _Job, right: _Job) -> HTMLResponse:
     """Both motions in 3D on one clock, as a page that needs nothing else."""
-    page = side_by_side(_sides(service, left, right))
+    page = side_by_side(_sides(service, left, right, caller))
     return HTMLResponse(
         page, headers={"Content-Security-Policy": PAGE_POLICY, "Cache-Control": "no-store"}
     )
 
 
-def _sides(service: Service, left: str, right: str) -> Sequence[tuple[JobRecord, Path]]:
-    return [finished(service, left), finished(service, right)]
+def _sides(
+    service: Service, left: str, right: str, caller: Caller
+) -> Sequence[tuple[JobRecord, Path]]:
+    return [finished(service, left, caller), finished(service, right, caller)]

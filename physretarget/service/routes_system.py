@@ -69,5 +69,5 @@ def make_ticket(wanted: TicketRequest, service: ServiceOf, caller: Reader) -> Ti
     """
     path = wanted.path
     between = "&" if "?" in path else "?"
-    url = f"{path}{between}ticket={service.tickets.make(path)}"
+    url = f"{path}{between}ticket={service.tickets.make(path, caller.id)}"
     return Ticket(url=url, expires_in=service.tickets.seconds)

@@ -46,7 +46,7 @@ class Service:
         self.tokens = Tokens(self.registry, required=settings.require_tokens)
         if settings.require_tokens and not self.tokens.usable:
             raise UsageError(
-                "to listen beyond this machine a token is needed: "
+                "to be reached from beyond this machine a token is needed: "
                 "'physretarget token create --scope submit --name NAME' makes one."
             )
         self.tickets = Tickets()
@@ -118,11 +118,11 @@ class Service:
             upload.path.replace(place)
         self.metrics.upload_bytes.inc(upload.bytes)
 
-    def add_clip(self, upload: Upload) -> ClipRecord:
-        """Register an uploaded clip or capture."""
+    def add_clip(self, upload: Upload, owner: str | None = None) -> ClipRecord:
+        """Register an uploaded clip or capture of an owner's."""
         with self._blobs:
             self.keep(upload)
-            return self.registry.add_clip(upload.name, upload.sha256, upload.bytes)
+            return self.registry.add_clip(upload.name, upload.sha256, upload.bytes, owner)
 
     def submit(self, job: NewJob, uploads: Iterable[Upload]) -> tuple[JobRecord, bool]:
         """Queue a job with its uploads; see :meth:`Queue.submit`.
@@ -142,24 +142,24 @@ class Service:
             self.supervisor.notify()
         return made, new
 
-    def delete_clip(self, id: str) -> bool:
+    def delete_clip(self, id: str, owner: str | None = None) -> bool:
         """Forget a clip, and its content unless it is needed still."""
-        found = self.registry.clip(id)
-        if found is None or not self.registry.delete_clip(id):
+        found = self.registry.clip(id, owner)
+        if found is None or not self.registry.delete_clip(id, owner):
             return False
         self.discard((found.sha256,))
         return True
 
-    def delete_job(self, id: str) -> bool:
+    def delete_job(self, id: str, owner: str | None = None) -> bool:
         """Forget a job that has ended, and its results."""
-        if not self.queue.delete(id):
+        if not self.queue.delete(id, owner):
             return False
         remove(self.home.job(id))
         return True
 
-    def delete_model(self, id: str) -> bool:
+    def delete_model(self, id: str, owner: str | None = None) -> bool:
         """Forget a model; its files stay while a job needs them, until the next start."""
-        if not self.registry.delete_model(id):
+        if not self.registry.delete_model(id, owner):
             return False
         if id not in self.queue.needed_models():
             remove(self.home.models / id)

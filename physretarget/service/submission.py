@@ -14,6 +14,7 @@ from physretarget.service.errors import ApiError
 from physretarget.service.home import remove
 from physretarget.service.options import read_options
 from physretarget.service.service import Service
+from physretarget.service.tokens import Caller
 from physretarget.service.uploads import Form
 from physretarget.suite.queue import JobRecord, NewJob, new_id
 
@@ -44,8 +45,8 @@ class Draft:
     fingerprint: str
 
 
-def draft(form: Form, service: Service) -> Draft:
-    """Look up what a form tells.
+def draft(form: Form, service: Service, owner: str | None = None) -> Draft:
+    """Look up what a form tells, among what ``owner`` (None: anybody) may read.
 
     Raises:
         ApiError: 404 a clip or model that is not there, 422 whatever is wrong otherwise.
@@ -57,8 +58,8 @@ def draft(form: Form, service: Service) -> Draft:
         raise ApiError(422, f"A job of kind {kind} takes no {name}.", field=name)
     options = read_options(kind, form.fields.get("options"))
     role = "clip" if kind == "validate" else "capture"
-    clip = _clip(form, service, role)
-    model, model_id, model_name, model_content = _model(form, service, kind)
+    clip = _clip(form, service, role, owner)
+    model, model_id, model_name, model_content = _model(form, service, kind, owner)
     inputs: dict[str, Any] = {"clip": clip}
     if kind == "retarget":
         inputs |= _retarget_inputs(form, clip, model or {})
@@ -70,20 +71,20 @@ def draft(form: Form, service: Service) -> Draft:
     )  # fmt: skip
 
 
-def _clip(form: Form, service: Service, role: str) -> dict[str, str]:
+def _clip(form: Form, service: Service, role: str, owner: str | None) -> dict[str, str]:
     upload, id = form.file(role), form.fields.get(f"{role}_id")
     if (upload is None) == (id is None):
         raise ApiError(422, f"One of {role} and {role}_id is needed.", field=role)
     if upload is not None:
         return {"name": upload.name, "sha256": upload.sha256}
-    found = service.registry.clip(_storable(id or ""))
+    found = service.registry.clip(_storable(id or ""), owner)
     if found is None:
         raise ApiError(404, "There is no such clip.", field=f"{role}_id")
     return {"name": found.name, "sha256": found.sha256}
 
 
 def _model(
-    form: Form, service: Service, kind: str
+    form: Form, service: Service, kind: str, owner: str | None
 ) -> tuple[dict[str, Any] | None, str | None, str, str]:
     """The model for a worker, its id, its name, and what it is for the fingerprint."""
     field = "model" if kind == "validate" else "character"
@@ -98,7 +99,7 @@ def _model(
     assert id is not None
     if id in NAMES:
         return {"builtin": id}, id, f"{id}.xml", id
-    found = service.registry.model(_storable(id))
+    found = service.registry.model(_storable(id), owner)
     if found is None:
         raise ApiError(404, "There is no such model.", field=field)
     return {"folder": found.id, "main": found.main}, found.id, found.name, found.id
@@ -151,6 +152,7 @@ def enqueue(
     service: Service,
     admitted: tuple[dict[str, Any], Path] | None,
     idempotency: str | None,
+    caller: Caller,
 ) -> tuple[JobRecord, bool]:
     """Queue the job; what was put in place for one that was there already goes away.
 
@@ -167,7 +169,7 @@ def enqueue(
         inputs={
             **drafted.inputs, "model": drafted.model, "blobs": sorted(set(_blobs(drafted.inputs))),
         },
-        fingerprint=drafted.fingerprint, idempotency=idempotency,
+        fingerprint=drafted.fingerprint, idempotency=idempotency, belongs_to=caller.id,
     )  # fmt: skip
     made = False
     try:

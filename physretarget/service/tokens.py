@@ -34,6 +34,11 @@ class Caller:
     id: str
     scope: Scope
 
+    @property
+    def owner(self) -> str | None:
+        """Whose things the caller sees; None sees all."""
+        return None if self.scope == "admin" else self.id
+
     def may(self, scope: Scope) -> bool:
         """Whether the scope includes this one: read < submit < admin."""
         return SCOPES.index(self.scope) >= SCOPES.index(scope)
@@ -81,6 +86,15 @@ class Tokens:
             return None
         return Caller(found.id, found.scope)
 
+    def holds(self, id: str) -> Scope | None:
+        """The scope of a token that is still valid, by its id; "admin" where none is needed."""
+        if not self.needed:
+            return "admin"
+        for token in self._table().values():
+            if token.id == id and token.revoked is None and token.scope in SCOPES:
+                return token.scope
+        return None
+
     def _table(self) -> dict[str, TokenRecord]:
         with self._lock:
             if self._clock() >= self._until:
@@ -101,17 +115,19 @@ class Tickets:
         self._key = secrets.token_bytes(32)
         self._clock = clock
 
-    def make(self, path: str) -> str:
-        """A ticket for a path with its query."""
+    def make(self, path: str, caller: str) -> str:
+        """A ticket for a path with its query, in the name of a caller."""
         until = str(int(self._clock()) + self.seconds)
-        return f"{until}.{self._code(path, until)}"
+        return f"{until}.{self._code(path, until, caller)}.{caller}"
 
-    def valid(self, path: str, ticket: str) -> bool:
-        """Whether the ticket is one for that path and still holds."""
-        until, _, code = ticket.partition(".")
-        if not (until.isascii() and until.isdigit() and len(until) < 12 and code.isascii()):
-            return False
-        return hmac.compare_digest(code, self._code(path, until)) and (int(until) >= self._clock())
+    def holder(self, path: str, ticket: str) -> str | None:
+        """In whose name the ticket opens that path; None if it does not, or no longer."""
+        until, _, rest = ticket.partition(".")
+        code, _, caller = rest.partition(".")
+        if not (until.isascii() and until.isdigit() and len(until) < 12 and rest.isascii()):
+            return None
+        right = hmac.compare_digest(code, self._code(path, until, caller))
+        return caller if right and int(until) >= self._clock() else None
 
-    def _code(self, path: str, until: str) -> str:
-        return hmac.new(self._key, f"{until} {path}".encode(), "sha256").hexdigest()
+    def _code(self, path: str, until: str, caller: str) -> str:
+        return hmac.new(self._key, f"{until} {caller} {path}".encode(), "sha256").hexdigest()

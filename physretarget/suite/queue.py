@@ -19,7 +19,7 @@ from typing import Any, Literal
 
 import sqlalchemy as sa
 
-from physretarget.suite.service_tables import jobs
+from physretarget.suite.service_tables import changeable, jobs, readable
 from physretarget.suite.store import Store
 
 Status = Literal["queued", "running", "done", "failed", "cancelled"]
@@ -56,6 +56,8 @@ class JobRecord:
     owner: str | None
     result: str | None
     fingerprint: str
+    belongs_to: str | None
+    shared: bool
 
     @property
     def ended(self) -> bool:
@@ -76,6 +78,7 @@ class NewJob:
     inputs: Mapping[str, Any]
     fingerprint: str
     idempotency: str | None = None
+    belongs_to: str | None = None
 
 
 _COLUMNS = tuple(jobs.c[field.name] for field in fields(JobRecord))
@@ -111,7 +114,7 @@ class Queue:
             **{name: getattr(job, name) for name in NewJob.__dataclass_fields__},
             "id": new_id(), "home": self._home, "status": "queued", "progress": 0.0,
             "stage": "queued", "created": now(), "attempts": 0, "revision": 1,
-            "cancelling": False,
+            "cancelling": False, "shared": False,
         }  # fmt: skip
         with self._store.begin() as connection:
             connection.execute(self._store.insert(jobs, row))
@@ -128,12 +131,12 @@ class Queue:
         """The job that an idempotency key has made."""
         return self._one(jobs.c.idempotency == idempotency)
 
-    def get(self, id: str) -> JobRecord | None:
-        """A job, None where there is none."""
-        return self._one(jobs.c.id == id)
+    def get(self, id: str, owner: str | None = None) -> JobRecord | None:
+        """A job that ``owner`` (None: anybody) may read, None where there is none."""
+        return self._one(jobs.c.id == id, *readable(jobs, owner))
 
-    def _one(self, condition: sa.ColumnElement[bool]) -> JobRecord | None:
-        query = sa.select(*_COLUMNS).where(jobs.c.home == self._home, condition)
+    def _one(self, *conditions: sa.ColumnElement[bool]) -> JobRecord | None:
+        query = sa.select(*_COLUMNS).where(jobs.c.home == self._home, *conditions)
         with self._store.read() as connection:
             row = connection.execute(query).mappings().first()
         return JobRecord(**row) if row else None
@@ -147,9 +150,13 @@ class Queue:
         model: str | None = None,
         before: str | None = None,
         limit: int = 50,
+        owner: str | None = None,
     ) -> list[JobRecord]:
-        """Jobs, newest first; ``before`` is an id, ``q`` is looked for in names and ids."""
-        where = [jobs.c.home == self._home]
+        """Jobs that ``owner`` may read, newest first.
+
+        ``before`` is an id, ``q`` is looked for in names and ids.
+        """
+        where = [jobs.c.home == self._home, *readable(jobs, owner)]
         if status is not None:
             where.append(jobs.c.status == status)
         if kind is not None:
@@ -182,10 +189,13 @@ class Queue:
             found = {str(status): int(count) for status, count in connection.execute(query)}
         return {status: found.get(status, 0) for status in STATUSES}
 
-    def cancel(self, id: str) -> JobRecord | None:
-        """Cancel a queued job at once; ask the worker of a running one to stop."""
+    def cancel(self, id: str, owner: str | None = None) -> JobRecord | None:
+        """Cancel a queued job at once; ask the worker of a running one to stop.
+
+        None where ``owner`` may not change such a job.
+        """
         with self._store.begin() as connection:
-            mine = (jobs.c.home == self._home, jobs.c.id == id)
+            mine = (jobs.c.home == self._home, jobs.c.id == id, *changeable(jobs, owner))
             connection.execute(
                 jobs.update()
                 .where(*mine, jobs.c.status == "queued")
@@ -199,12 +209,22 @@ class Queue:
                 .where(*mine, jobs.c.status == "running", jobs.c.cancelling.is_(False))
                 .values(cancelling=True, stage="cancelling", revision=jobs.c.revision + 1)
             )
-        return self.get(id)
+        return self._one(jobs.c.id == id, *changeable(jobs, owner))
 
-    def delete(self, id: str) -> bool:
+    def share(self, id: str, shared: bool, owner: str | None = None) -> JobRecord | None:
+        """Let every token read a job, or no longer; None where there is none to change."""
+        mine = (jobs.c.home == self._home, jobs.c.id == id, *changeable(jobs, owner))
+        with self._store.begin() as connection:
+            connection.execute(jobs.update().where(*mine).values(shared=shared))
+        return self._one(jobs.c.id == id, *changeable(jobs, owner))
+
+    def delete(self, id: str, owner: str | None = None) -> bool:
         """Forget a job that has ended."""
         statement = jobs.delete().where(
-            jobs.c.home == self._home, jobs.c.id == id, jobs.c.status.in_(ENDED)
+            jobs.c.home == self._home,
+            jobs.c.id == id,
+            jobs.c.status.in_(ENDED),
+            *changeable(jobs, owner),
         )
         with self._store.begin() as connection:
             return bool(connection.execute(statement).rowcount)

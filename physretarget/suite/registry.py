@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import sqlalchemy as sa
 
 from physretarget.suite.queue import new_id, now
-from physretarget.suite.service_tables import clips, models, tokens
+from physretarget.suite.service_tables import changeable, clips, models, readable, tokens
 from physretarget.suite.store import Store
 
 
@@ -22,6 +22,8 @@ class ClipRecord:
     sha256: str
     bytes: int
     created: str
+    belongs_to: str | None = None
+    shared: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +36,8 @@ class ModelRecord:
     main: str
     facts: Mapping[str, Any]
     created: str
+    belongs_to: str | None = None
+    shared: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,28 +61,32 @@ class Registry:
 
     # ---- clips ---------------------------------------------------------------------------------
 
-    def add_clip(self, name: str, sha256: str, size: int) -> ClipRecord:
+    def add_clip(self, name: str, sha256: str, size: int, owner: str | None = None) -> ClipRecord:
         """Register a clip."""
-        made = ClipRecord(id=new_id(), name=name, sha256=sha256, bytes=size, created=now())
+        made = ClipRecord(
+            id=new_id(), name=name, sha256=sha256, bytes=size, created=now(), belongs_to=owner
+        )
         self._add(clips, made)
         return made
 
-    def clip(self, id: str) -> ClipRecord | None:
-        """A clip, None where there is none."""
-        rows = self._rows(clips, clips.c.id == id)
+    def clip(self, id: str, owner: str | None = None) -> ClipRecord | None:
+        """A clip that ``owner`` (None: anybody) may read, None where there is none."""
+        rows = self._rows(clips, clips.c.id == id, *readable(clips, owner))
         return ClipRecord(**rows[0]) if rows else None
 
-    def clips(self, *, q: str | None, before: str | None, limit: int) -> list[ClipRecord]:
-        """Clips, newest first."""
-        return [ClipRecord(**row) for row in self._page(clips, q, before, limit)]
+    def clips(
+        self, *, q: str | None, before: str | None, limit: int, owner: str | None = None
+    ) -> list[ClipRecord]:
+        """Clips that ``owner`` may read, newest first."""
+        return [ClipRecord(**row) for row in self._page(clips, q, before, limit, owner)]
 
     def has_content(self, sha256: str) -> bool:
         """A clip of that content is registered."""
         return bool(self._rows(clips, clips.c.sha256 == sha256))
 
-    def delete_clip(self, id: str) -> bool:
-        """Forget a clip."""
-        return self._delete(clips, id)
+    def delete_clip(self, id: str, owner: str | None = None) -> bool:
+        """Forget a clip that ``owner`` may change."""
+        return self._delete(clips, id, owner)
 
     # ---- models --------------------------------------------------------------------------------
 
@@ -86,18 +94,32 @@ class Registry:
         """Register a model whose files are in place."""
         self._add(models, model)
 
-    def model(self, id: str) -> ModelRecord | None:
-        """A model, None where there is none."""
-        rows = self._rows(models, models.c.id == id)
+    def model(self, id: str, owner: str | None = None) -> ModelRecord | None:
+        """A model that ``owner`` (None: anybody) may read, None where there is none."""
+        rows = self._rows(models, models.c.id == id, *readable(models, owner))
         return ModelRecord(**rows[0]) if rows else None
 
-    def models(self, *, q: str | None, before: str | None, limit: int) -> list[ModelRecord]:
-        """Models, newest first."""
-        return [ModelRecord(**row) for row in self._page(models, q, before, limit)]
+    def models(
+        self, *, q: str | None, before: str | None, limit: int, owner: str | None = None
+    ) -> list[ModelRecord]:
+        """Models that ``owner`` may read, newest first."""
+        return [ModelRecord(**row) for row in self._page(models, q, before, limit, owner)]
 
-    def delete_model(self, id: str) -> bool:
-        """Forget a model."""
-        return self._delete(models, id)
+    def delete_model(self, id: str, owner: str | None = None) -> bool:
+        """Forget a model that ``owner`` may change."""
+        return self._delete(models, id, owner)
+
+    def share(self, kind: Literal["clips", "models"], id: str, shared: bool,
+              owner: str | None = None) -> bool:  # fmt: skip
+        """Let every token read a clip or model, or no longer; False where there is none."""
+        table = {"clips": clips, "models": models}[kind]
+        statement = (
+            table.update()
+            .where(table.c.home == self._home, table.c.id == id, *changeable(table, owner))
+            .values(shared=shared)
+        )
+        with self._store.begin() as connection:
+            return bool(connection.execute(statement).rowcount)
 
     # ---- tokens --------------------------------------------------------------------------------
 
@@ -136,9 +158,9 @@ class Registry:
         )
 
     def _page(
-        self, table: sa.Table, q: str | None, before: str | None, limit: int
+        self, table: sa.Table, q: str | None, before: str | None, limit: int, owner: str | None
     ) -> list[dict[str, Any]]:
-        query = sa.select(table).where(table.c.home == self._home)
+        query = sa.select(table).where(table.c.home == self._home, *readable(table, owner))
         if before is not None:
             query = query.where(table.c.id < before)
         if q:
@@ -152,7 +174,9 @@ class Registry:
             row.pop("home")
         return rows
 
-    def _delete(self, table: sa.Table, id: str) -> bool:
-        statement = table.delete().where(table.c.home == self._home, table.c.id == id)
+    def _delete(self, table: sa.Table, id: str, owner: str | None) -> bool:
+        statement = table.delete().where(
+            table.c.home == self._home, table.c.id == id, *changeable(table, owner)
+        )
         with self._store.begin() as connection:
             return bool(connection.execute(statement).rowcount)

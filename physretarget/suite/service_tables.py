@@ -76,3 +76,43 @@ tokens = sa.Table(
 def create_service_tables(connection: sa.Connection) -> None:
     """The migration that adds them; never edited, only followed by others."""
     _tables.create_all(connection, checkfirst=False)
+
+
+_OWNED = ("service_jobs", "service_clips", "service_models")
+
+
+def add_owners(connection: sa.Connection) -> None:
+    """The migration that says whose a job, clip or model is; never edited.
+
+    ``belongs_to`` is the id of the token that made it, none for what was there before (an admin's);
+    ``shared`` lets every token read it.
+    """
+    for table in _OWNED:
+        for column in ("belongs_to VARCHAR(64)", "shared BOOLEAN NOT NULL DEFAULT FALSE"):
+            connection.execute(sa.text(f"ALTER TABLE {table} ADD COLUMN {column}"))
+
+
+owners = sa.MetaData()
+
+
+def _with_owner(table: sa.Table) -> sa.Table:
+    """A table as it is after :func:`add_owners`: the first migration must not make its columns."""
+    later = table.to_metadata(owners)
+    later.append_column(sa.Column("belongs_to", sa.String(64)))
+    later.append_column(sa.Column("shared", sa.Boolean, nullable=False, server_default=sa.false()))
+    return later
+
+
+jobs, clips, models = _with_owner(jobs), _with_owner(clips), _with_owner(models)
+
+
+def readable(table: sa.Table, owner: str | None) -> list[sa.ColumnElement[bool]]:
+    """Conditions for what an owner may read: what is theirs or shared; None may read all."""
+    if owner is None:
+        return []
+    return [sa.or_(table.c.belongs_to == owner, table.c.shared.is_(True))]
+
+
+def changeable(table: sa.Table, owner: str | None) -> list[sa.ColumnElement[bool]]:
+    """Conditions for what an owner may change; None may change all."""
+    return [] if owner is None else [table.c.belongs_to == owner]

@@ -26,7 +26,7 @@ except ImportError as error:
     raise MissingExtraError("SQLAlchemy", extra="suite", purpose="a suite's history") from error
 
 from physretarget.suite import suite_tables as tables
-from physretarget.suite.service_tables import create_service_tables
+from physretarget.suite.service_tables import add_owners, create_service_tables
 
 _CHUNK = 500  # addresses per IN (...): below every driver's limit of parameters
 _LOCK = 7246213  # any number, the same in every version: who migrates waits for the other
@@ -35,6 +35,7 @@ _LOCK = 7246213  # any number, the same in every version: who migrates waits for
 MIGRATIONS: tuple[Callable[[sa.Connection], None], ...] = (
     tables.create_suite_tables,
     create_service_tables,
+    add_owners,
 )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import socket
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,7 @@ def guarded(start: Start, clip: Callable[..., bytes]) -> tuple[Any, dict[str, st
     """A service with a token of every scope, and a finished job."""
     live = start()
     job = live.wait(live.submit(clip()).json()["id"])
+    assert live.client.post(f"/api/v1/jobs/{job['id']}/share").status_code == 200
     made = {scope: make_token() for scope in ("read", "submit", "admin")}
     for scope, token in made.items():
         live.service.registry.add_token(scope, scope, hashed(token))
@@ -121,14 +123,14 @@ def test_a_ticket_opens_one_page(guarded: tuple[Any, dict[str, str], str]) -> No
 def test_tickets_end() -> None:
     clock = Clock()
     tickets = Tickets(clock)
-    ticket = tickets.make("/a?b")
-    assert tickets.valid("/a?b", ticket)
-    assert not tickets.valid("/a?c", ticket)
-    assert not Tickets(clock).valid("/a?b", ticket)
+    ticket = tickets.make("/a?b", "me")
+    assert tickets.holder("/a?b", ticket) == "me"
+    assert not tickets.holder("/a?c", ticket)
+    assert not Tickets(clock).holder("/a?b", ticket)
     clock.now += tickets.seconds + 1
-    assert not tickets.valid("/a?b", ticket)
+    assert not tickets.holder("/a?b", ticket)
     for wrong in ("", ".", "9" * 11 + ".x", "1e5.x", "²." + "0" * 64):
-        assert not tickets.valid("/a?b", wrong)
+        assert not tickets.holder("/a?b", wrong)
 
 
 def test_a_revoked_token_ends_and_the_door_stays_shut(start: Start) -> None:
@@ -275,3 +277,92 @@ def test_a_kernel_without_walls_is_in_the_log(
     finally:
         service.stop()
     assert sum("does not keep jobs from" in record.message for record in caplog.records) == 2
+
+
+@pytest.fixture(scope="module")
+def two(start: Start, clip: Callable[..., bytes]) -> tuple[Any, dict[str, str], str, str]:
+    """Two owners and an admin; a finished job and a clip of the first."""
+    live = start()
+    box = live.box()
+    assert live.client.post(f"/api/v1/models/{box}/share").status_code == 200
+    made = {name: make_token() for name in ("anna", "ben", "root")}
+    for name, token in made.items():
+        scope = "admin" if name == "root" else "submit"
+        live.service.registry.add_token(name, scope, hashed(token))
+    live.service.tokens._until = -1
+    headers = bearer(made["anna"])
+    post = {"files": {"file": ("secret.npz", clip())}}
+    mine = live.client.post("/api/v1/clips", headers=headers, **post).json()["id"]
+    form = {"model": (None, box), "clip_id": (None, mine)}
+    job = live.client.post("/api/v1/jobs", files=form, headers=headers).json()["id"]
+    for _ in range(600):
+        if live.client.get(f"/api/v1/jobs/{job}", headers=headers).json()["status"] == "done":
+            break
+        time.sleep(0.1)
+    return live, made, job, mine
+
+
+def _doors(job: str, clip: str) -> list[tuple[str, str, dict[str, Any]]]:
+    """Every route that reads or changes a thing of somebody's."""
+    both = f"left={job}&right={job}"
+    return [
+        *(("GET", f"/api/v1/jobs/{job}{end}", {})
+          for end in ("", "/report", "/report?format=html", "/replay", "/clip", "/events")),
+        ("GET", f"/api/v1/compare?{both}", {}), ("GET", f"/api/v1/compare/replay?{both}", {}),
+        ("POST", f"/api/v1/jobs/{job}/cancel", {}), ("POST", f"/api/v1/jobs/{job}/share", {}),
+        ("GET", f"/api/v1/clips/{clip}", {}), ("POST", f"/api/v1/clips/{clip}/share", {}),
+        ("POST", "/api/v1/jobs", {"files": {"model": (None, "lamp"), "clip_id": (None, clip)}}),
+        ("DELETE", f"/api/v1/clips/{clip}", {}), ("DELETE", f"/api/v1/jobs/{job}", {}),
+    ]  # fmt: skip
+
+
+def test_nothing_of_one_owner_is_there_for_another(
+    two: tuple[Any, dict[str, str], str, str],
+) -> None:
+    live, tokens, job, clip = two
+    headers = bearer(tokens["ben"])
+    for method, path, more in _doors(job, clip):
+        answer = live.client.request(method, path, headers=headers, **more)
+        assert answer.status_code == 404, (method, path, answer.text)
+    for kind in ("jobs", "clips", "models"):
+        items = live.client.get(f"/api/v1/{kind}?q=secret", headers=headers).json()["items"]
+        assert items == [], kind
+    path = f"/api/v1/jobs/{job}/report?format=html"
+    ticket = live.client.post("/api/v1/tickets", json={"path": path}, headers=headers).json()
+    assert live.client.get(ticket["url"]).status_code == 404
+
+
+def test_an_admin_sees_all_and_what_is_shared_is_read_and_not_changed(
+    two: tuple[Any, dict[str, str], str, str],
+) -> None:
+    live, tokens, job, clip = two
+    admin, other, mine = (bearer(tokens[name]) for name in ("root", "ben", "anna"))
+    assert live.client.get(f"/api/v1/jobs/{job}", headers=admin).status_code == 200
+    for path in (f"/api/v1/jobs/{job}/share", f"/api/v1/clips/{clip}/share"):
+        assert live.client.post(path, headers=mine).status_code == 200
+    reads = [
+        d for d in _doors(job, clip) if d[0] == "GET" and not d[1].endswith(("/clip", "/events"))
+    ]
+    for method, path, more in reads:
+        assert live.client.request(method, path, headers=other, **more).status_code == 200, path
+    for method, path, more in _doors(job, clip):
+        if method == "DELETE" or path.endswith("/share") or path.endswith("/cancel"):
+            answer = live.client.request(method, path, headers=other, **more)
+            assert answer.status_code == 404, (method, path)
+    assert live.client.post(f"/api/v1/jobs/{job}/share?shared=false", headers=mine).is_success
+    assert live.client.get(f"/api/v1/jobs/{job}", headers=other).status_code == 404
+
+
+def test_a_revoked_token_takes_its_tickets_along(
+    two: tuple[Any, dict[str, str], str, str],
+) -> None:
+    live, _, job, _ = two
+    token = make_token()
+    made = live.service.registry.add_token("carl", "admin", hashed(token))
+    live.service.tokens._until = -1
+    path = f"/api/v1/jobs/{job}/report?format=html"
+    url = live.client.post("/api/v1/tickets", json={"path": path}, headers=bearer(token)).json()
+    assert live.client.get(url["url"]).status_code == 200
+    live.service.registry.revoke_token(made.id)
+    live.service.tokens._until = -1
+    assert live.client.get(url["url"]).status_code == 401
