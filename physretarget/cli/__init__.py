@@ -34,6 +34,8 @@ COMMANDS = {
     "suite": ("suite", "Judge a whole library every night, and say what changed."),
     "serve": ("serve", "Judge and retarget over HTTP, with a web page."),
     "token": ("serve", "Make, list and revoke tokens of the service."),
+    "backup": ("serve", "Back up a service: rows and files in one archive."),
+    "restore": ("serve", "Make a service's data folder of a backup."),
     "face": ("face", "Turn facial capture into an animator's sparse curves."),
     "reproduce": ("reproduce", "Make a paper's figures and tables from real data."),
 }

@@ -184,3 +184,35 @@ def _limits(limits: Limits, told: list[str]) -> Limits:
         except ValueError as error:
             raise UsageError(f"--limit {name} needs a number, not {text!r}.") from error
     return type(limits).from_dict(values)
+
+
+@command(app, "backup", example="physretarget backup --data service --out nightly.tar")
+def backup_command(
+    out: Annotated[Path, typer.Option("--out", metavar="FILE.tar", help="The archive.")],
+    data: Data = _DATA,
+    history: History = None,
+) -> None:
+    """Back up a service: rows and files in one archive."""
+    _check_extra()
+    from physretarget.service.backup import back_up
+
+    counts = back_up(data, _history(history), out)
+    say(f"{out}: {_counted(counts)}.")
+
+
+@command(app, "restore", example="physretarget restore nightly.tar --data /var/lib/other")
+def restore_command(
+    archive: Annotated[Path, typer.Argument(metavar="FILE.tar", help="Of 'backup'.")],
+    data: Data = _DATA,
+    history: History = None,
+) -> None:
+    """Make a service's data folder of a backup."""
+    _check_extra()
+    from physretarget.service.backup import restore
+
+    counts = restore(archive, data, _history(history))
+    say(f"{data}: {_counted(counts)}.")
+
+
+def _counted(counts: dict[str, int]) -> str:
+    return ", ".join(f"{number} {name}" for name, number in counts.items())

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import logging
 import os
+import secrets
 import shutil
 import threading
 import time
@@ -34,6 +35,8 @@ RESULTS = (
 _NEEDED = frozenset(RESULTS) - {"clip.npz"}
 _IDLE_S = 1.0  # another process may have queued something, or a lease have run out
 _TELL_S = 0.2
+_LONGEST_PAUSE_S = 30.0
+_CRASHES = 2  # a job whose process died that often has itself to blame
 _LONGEST_TEXT = 1000  # characters of a reason or a cause that a child may give
 
 
@@ -77,8 +80,11 @@ class Supervisor:
         self._wake = threading.Condition()
         self._stopping = threading.Event()
         self._cancelled: set[str] = set()
+        self._pause = _Pause()
+        # In a container every server has the same process id: a claim needs more of a name.
+        me = f"{os.getpid()}-{secrets.token_hex(4)}"
         self._threads = [
-            threading.Thread(target=self._work, args=(f"{os.getpid()}-{n}",), name=f"worker-{n}")
+            threading.Thread(target=self._work, args=(f"{me}-{n}",), name=f"worker-{n}")
             for n in range(workers)
         ]
 
@@ -149,11 +155,18 @@ class Supervisor:
             self._finish(job, "done", began, result=result, summary=_summary(answer))
         except ChildError as error:
             self._failed(job, watch, error, began)
+        except (OSError, PhysretargetError) as error:
+            # The disk or the database, not the job: it waits for better times, unjudged.
+            log.error("job %s waits: %s", job.id, error, extra={"job": job.id})
+            self._insist(lambda: self._queue.give_back(job))
+            self._stopping.wait(self._pause.next())
         except Exception:
-            # A bug of ours, or a full disk: the client is told, the worker goes on.
+            # A bug of ours: the client is told, the worker goes on.
             log.exception("job %s cannot be run", job.id, extra={"job": job.id})
             told = {"code": "internal", "message": "The service could not run the job."}
             self._finish(job, "failed", began, error=told)
+        else:
+            self._pause.reset()
         finally:
             self._cancelled.discard(job.id)
             remove(work)
@@ -165,6 +178,10 @@ class Supervisor:
             self._queue.give_back(job)
         elif error.kind == "cancelled":
             self._finish(job, "cancelled", began)
+        elif error.kind == "crash" and job.attempts < _CRASHES:
+            # Who killed it is not known: once more, and only then is it the job's fault.
+            log.warning("job %s crashed and is tried again", job.id, extra={"job": job.id})
+            self._insist(lambda: self._queue.give_back(job, counted=True))
         else:
             self._metrics.failures.labels(error.kind).inc()
             if error.log:
@@ -174,6 +191,21 @@ class Supervisor:
                 )  # fmt: skip
             told = {"code": error.kind, "message": error.message}
             self._finish(job, "failed", began, error=told)
+
+    def _insist(self, step: Callable[[], bool]) -> bool:
+        """Do a step of the queue as soon as the database lets us; False when stopping first.
+
+        A job's end must not be lost to an outage: its lease may run out meanwhile, and then the
+        step changes nothing.
+        """
+        pause = _Pause()
+        while True:
+            try:
+                return step()
+            except PhysretargetError as error:
+                log.error("the queue cannot be reached: %s", error)
+                if self._stopping.wait(pause.next()):
+                    return False
 
     def _keep(self, job: JobRecord, work: Path, folder: Path) -> str:
         """Move what the child left, as far as it is what it should be, into the attempt's folder.
@@ -206,7 +238,10 @@ class Supervisor:
         summary: Mapping[str, Any] | None = None,
         error: Mapping[str, Any] | None = None,
     ) -> None:
-        if not self._queue.finish(job, status, result=result, summary=summary, error=error):
+        ended = self._insist(
+            lambda: self._queue.finish(job, status, result=result, summary=summary, error=error)
+        )
+        if not ended:
             log.warning("job %s was lost to another claim", job.id, extra={"job": job.id})
             return
         seconds = time.monotonic() - began
@@ -220,6 +255,20 @@ class Supervisor:
         for other in self._home.job(job.id).glob("*"):
             if other.name != result:
                 shutil.rmtree(other, ignore_errors=True)
+
+
+class _Pause:
+    """Seconds to wait after one failure of disk or database upon another: 1, 2, 4 … 30."""
+
+    def __init__(self) -> None:
+        self._seconds = 0.5
+
+    def next(self) -> float:
+        self._seconds = min(2 * self._seconds, _LONGEST_PAUSE_S)
+        return self._seconds
+
+    def reset(self) -> None:
+        self._seconds = 0.5
 
 
 class _Watch:

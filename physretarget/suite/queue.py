@@ -297,21 +297,25 @@ class Queue:
             done = connection.execute(jobs.update().where(*_claimed(job)).values(values))
         return bool(done.rowcount)
 
-    def give_back(self, job: JobRecord) -> bool:
-        """Return a claimed job to the queue as if it had never been claimed."""
+    def give_back(self, job: JobRecord, *, counted: bool = False) -> bool:
+        """Return a claimed job to the queue, as if it had never been claimed unless ``counted``."""
+        attempts = job.attempts if counted else job.attempts - 1
         with self._store.begin() as connection:
             done = connection.execute(
-                jobs.update().where(*_claimed(job)).values(**_queued(), attempts=job.attempts - 1)
+                jobs.update().where(*_claimed(job)).values(**_queued(), attempts=attempts)
             )
         return bool(done.rowcount)
 
     def recover(self) -> int:
-        """Return all running jobs to the queue: for who alone holds the data folder."""
+        """Return all running jobs to the queue: for who alone holds the data folder.
+
+        That a server died is no fault of its jobs, so that it costs them no attempt.
+        """
         with self._store.begin() as connection:
             done = connection.execute(
                 jobs.update()
                 .where(jobs.c.home == self._home, jobs.c.status == "running")
-                .values(_queued())
+                .values(**_queued(), attempts=jobs.c.attempts - 1)
             )
         return int(done.rowcount)
 

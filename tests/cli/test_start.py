@@ -70,7 +70,7 @@ def test_the_line_in_the_programs_help_is_the_commands_own(name: str) -> None:
 @pytest.mark.parametrize(
     ("typed", "expected"),
     [
-        ("physretarget re", {"retarget", "replay", "reproduce"}),
+        ("physretarget re", {"retarget", "replay", "reproduce", "restore"}),
         ("physretarget validate --jo", {"--joint-order", "--jobs"}),
         ("physretarget validate --profile ro", {"robot"}),
         ("physretarget keyposes s", {"suggest", "sheet"}),
