@@ -36,7 +36,7 @@ from physretarget.options.facial import MatchOptions
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 DOUBT = 0.5
-"""A span is doubtful if the chances that a key stands within a frame of an end are below this."""
+"""A span is doubtful if a key within a thirtieth of a second of an end is less likely than this."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -353,7 +353,8 @@ def _draft_of_chain(
     table = key_table(chain, values, score.weight, pins)
     held = np.array([k in pins for k in range(len(frames))], dtype=np.bool_)
     origins = span_sources(chain, values, score.weight, shapes)
-    near = np.convolve(score.likely, np.ones(3), mode="same")
+    wide = 2 * max(1, round(job.take.fps / 30.0)) + 1  # frames: a thirtieth of a second either way
+    near = np.convolve(score.likely, np.ones(wide), mode="same")[: len(score.likely)]
     near[[0, -1]] = 1.0
     time = job.take.time
     pieces = []
