@@ -33,6 +33,8 @@ _WHY = {
     "CON003": "the actor stands on a part that the character has not, or a hop was shortened",
     "CON004": "the actor's foot shuffles: contacts begin and end in quick succession",
     "CON005": "a point that is planted for the actor hangs in the air or slides for the character",
+    "CON006": "the character's feet are tied to the actor's at another angle than their soles have",
+    "CON007": "the character was placed at another height than its soles stand at",
     "DYN001": "the horizontal force comes from the actor's momentum and from steps or hops "
     "between supports; the last stage leads the pose by 8 % of the height at most, which is "
     "not enough",
@@ -47,6 +49,7 @@ _WHY = {
     "DYN007": "limbs that swing in flight turn the body, for the mapping knows no conservation",
     "DYN008": "the joint would need a stronger motor than the model declares",
     "DYN009": "landing on short legs stops the body within a few frames",
+    "DYN010": "the pose leans beyond the base that only stands on its floor",
     "KIN001": "the mapped features ask for more than the joint allows",
     "KIN002": "the mapping hurries between two key poses that are far apart",
     "KIN003": "the mapping hurries between key poses, or a contact begins within a frame",
