@@ -12,6 +12,9 @@ moment that is left when the force is explained (its error: the arm over the wei
 S = diag(1, 1, mu) makes the cone its own dual. rho (about 1e-7) makes the forces unique and lets
 the caller prefer some points; it moves the residual by that order only.
 
+A cone may lean: f_t = g_t + l f_z with g in the cone above. So does the friction of what slides,
+which is on the edge of its cone, against the motion.
+
 The dual has six unknowns however many points there are. With P the projection on the
 second-order cone,
 
@@ -73,9 +76,10 @@ class _Problem:
 
     ``arm`` (3, P), ``inv`` (P,) = 1 / rho, ``friction`` (P,) and ``frame`` (P,) tell of every point
     where it is, what force costs there, how rough it is and whose it is; ``b`` (6, B); ``slack``
-    (6, 1) is the diagonal of W^-1. First come the first points of all frames, then
-    the second points of those that have one, and so on: frames with more points stand before
-    frames with fewer, so that the k-th points belong to the first ``having[k]`` frames.
+    (6, 1) is the diagonal of W^-1; ``lean`` (2, P) how cones lean, None where they stand. First
+    come the first points of all frames, then the second points of those that have one, and so on:
+    frames with more points stand before frames with fewer, so that the k-th points belong to the
+    first ``having[k]`` frames.
     """
 
     arm: Floats
@@ -85,6 +89,7 @@ class _Problem:
     having: Ints
     friction: Floats
     slack: Floats
+    lean: Floats | None
 
     def take(self, chosen: Bools) -> _Problem:
         """Some of the frames."""
@@ -96,6 +101,7 @@ class _Problem:
         return _Problem(
             self.arm[:, points], self.inv[points], number[self.frame[points]] - 1,
             self.b[:, chosen], having[having > 0], self.friction[points], self.slack,
+            None if self.lean is None else self.lean[:, points],
         )  # fmt: skip
 
     def priced(self, least: float) -> _Problem:
@@ -107,6 +113,8 @@ class _Problem:
         own = self.spread(y)
         z: Floats = own[:3]
         z -= _cross(self.arm, own[3:])
+        if self.lean is not None:
+            z[2] += self.lean[0] * z[0] + self.lean[1] * z[1]
         z[2] /= self.friction
         return z
 
@@ -128,17 +136,18 @@ class _Problem:
             first += number
         return total
 
+    def forces(self, scaled: Floats) -> Floats:
+        """(3, P) f of S f."""
+        force = scaled.copy()
+        force[2] /= self.friction
+        if self.lean is not None:
+            force[:2] += self.lean * force[2]
+        return force
+
     def wrench(self, scaled: Floats) -> Floats:
         """(6, B) of forces S f (3, P)."""
-        force = _unscaled(scaled, self.friction)
+        force = self.forces(scaled)
         return self.sum(np.concatenate([force, _cross(self.arm, force)]))
-
-
-def _unscaled(scaled: Floats, friction: Floats) -> Floats:
-    """Forces (3, P) of S f."""
-    force = scaled.copy()
-    force[2] /= friction
-    return force
 
 
 def _cross(left: Floats, right: Floats) -> Floats:
@@ -157,6 +166,7 @@ def fit_forces(
     *,
     friction: Floats | float,
     rho: Floats | float = RHO,
+    lean: Floats | None = None,
     force_weight: float = 1.0,
     curvature: bool = False,
 ) -> ConeFit:
@@ -164,7 +174,8 @@ def fit_forces(
 
     ``arm`` (T, n, 3) are the points relative to the wrench's reference point, divided by the
     height that scales moments; ``mask`` (T, n) the points that exist; ``wrench`` (T, 6) is
-    force and scaled moment. ``friction`` and ``rho`` are numbers or (T, n); ``force_weight`` is
+    force and scaled moment. ``friction`` and ``rho`` are numbers or (T, n); ``lean``
+    (T, n, 2) is the slope of the axis of each cone, level for none; ``force_weight`` is
     what a force that remains counts against a moment that does. Returns forces in the unit of the
     wrench, and the ``curvature`` if it is wanted. The outcome is a value: see ``converged``.
     """
@@ -182,13 +193,13 @@ def fit_forces(
     for least_prices in (_AT_ONCE, _STEP_BY_STEP):
         if len(rows) == 0:
             break
-        problem, pick = _gathered(arm, mask, weight, wrench, rows, rough, slack)
+        problem, pick = _gathered(arm, mask, weight, wrench, rows, rough, slack, lean)
         y = _start(problem)
         for least in least_prices:
             y, done, used = _newton(problem.priced(least), y)
             iterations += used
         scaled = _project(problem.seen(y), problem.inv)[0]
-        force[pick] = _unscaled(scaled, problem.friction).T
+        force[pick] = problem.forces(scaled).T
         residual[rows] = (problem.b - problem.wrench(scaled)).T
         gradient[rows] = y.T
         if curved is not None:
@@ -207,6 +218,7 @@ def _gathered(
     rows: Ints,
     friction: Floats,
     slack: Floats,
+    lean: Floats | None,
 ) -> tuple[_Problem, tuple[Ints, Ints]]:
     """The problem of some frames, most points first, and where its points come from."""
     counts = mask[rows].sum(axis=1)
@@ -216,6 +228,7 @@ def _gathered(
     problem = _Problem(
         np.ascontiguousarray(arm[pick].T), 1 / weight[pick], frame,
         np.ascontiguousarray(wrench[rows].T), np.bincount(which), friction[pick], slack,
+        None if lean is None else np.ascontiguousarray(lean[pick].T),
     )  # fmt: skip
     return problem, pick
 
@@ -256,6 +269,9 @@ def _derivatives(problem: _Problem, y: Floats, z: Floats) -> tuple[Floats, Float
     gradient += problem.wrench(out)
     jacobian[2] /= problem.friction
     jacobian[:, 2] /= problem.friction
+    if problem.lean is not None:
+        jacobian[:2] += problem.lean[:, None] * jacobian[2]
+        jacobian[:, :2] += jacobian[:, 2:] * problem.lean
     # [1; X] J [1, X^T] with X the cross product by the arm.
     hessian = np.empty((6, 6, y.shape[1]))
     hessian[:3, :3] = problem.sum(jacobian)

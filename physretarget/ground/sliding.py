@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from physretarget.ground.support import Support
+from physretarget.ground.contacts import Contacts
+from physretarget.ground.support import Support, speeds
 from physretarget.kinematics import Pose
 
 Floats = NDArray[np.float64]
@@ -15,12 +16,9 @@ Series = dict[str, NDArray[np.generic]]
 
 # Sliding counts of bodies that bear more than this share of body weight and of all that is borne.
 LOADED_BW, LOADED_SHARE = 0.1, 0.25
-# Sliding is braked when friction takes this share of the power that the cone allows: that of a
-# pyramid, MuJoCo's default for a cone, which along its diagonal is 1 / sqrt(2).
-BRAKED = 0.7
 _ARROWS = 4
 # A point that rises or sinks more than this per way along the floor, and more than the noise of
-# captures, does not slide.
+# captures, does not slide: it lands or lifts, or rolls on to the next.
 _STEEP, _UNEVEN_M = 0.25, 0.002
 # Sliding is seen over this long, or a frame where that is longer: a limit on height makes sense
 # only beside a time, and a clip of 120 frames/s must slide like one of 30.
@@ -28,44 +26,34 @@ SLIDE_SPAN_S = 1 / 30
 
 
 def sliding(
-    support: Support,
-    here: Pose,
-    poses: tuple[Pose, ...],
-    keep: slice,
-    step: float,
-    near: float,
+    contacts: Contacts, here: Pose, poses: tuple[Pose, ...], start: int, step: float
 ) -> Floats:
     """(T, n, 2) tangential velocity of points between frames in both of which they touch, m/s.
 
     A point slides from one frame to the next only if that material point is within ``near`` (m)
-    of the floor in both, and stays at its height: what moves along steeply is still landing, or
-    lifting already. So differences are one-sided where a contact begins or ends, no flight is
-    taken for sliding, and a contact of one frame does not slide. ``poses`` are the clip as
-    filtered and as given: what only one of them shows is the filter's, or noise, and the slower
-    counts.
+    of the floor in both, and stays at its height. Where it does before and after, the slower
+    counts: a force shows in a frame that acted on either side. So differences are one-sided where a
+    contact begins or ends, no flight is taken for sliding, and a contact of one frame does not
+    slide. ``poses`` are the clip as filtered and as given: what only one of them shows is the
+    filter's, or noise, and the slower counts.
     """
-    row, column = np.nonzero(support.own)
-    body = support.body[row, column]
-    arm = support.position[row, column] - here.position[row, body]
+    row, column = np.nonzero(contacts.mask)
+    body = contacts.body[row, column]
+    arm = contacts.position[row, column] - here.position[row, body]
     local = np.einsum("pij,pi->pj", here.rotation[row, body], arm)
     slowest: Floats | None = None
     for pose in poses:
-        frame = row + np.arange(len(pose.position))[keep.start]
-        velocity = _one_sided(support.floor, pose, frame, body, local, step, near)
+        velocity = _one_sided(
+            contacts.floor, pose, row + start, body, local, step, contacts.tolerance
+        )
         if slowest is not None:
             faster = speeds(velocity) > speeds(slowest)
             velocity = np.where(faster[:, None], slowest, velocity)
         slowest = velocity
     assert slowest is not None
-    sliding = np.zeros((*support.body.shape, 2))
+    sliding = np.zeros((*contacts.body.shape, 2))
     sliding[row, column] = slowest
     return sliding
-
-
-def speeds(velocity: Floats) -> Floats:
-    """Length of vectors (..., 2)."""
-    speed: Floats = np.sqrt(velocity[..., 0] ** 2 + velocity[..., 1] ** 2)
-    return speed
 
 
 def _one_sided(
@@ -80,7 +68,7 @@ def _one_sided(
     """(P, 2) velocities of points (P,) at ``local`` (P, 3) of bodies, each in its frame."""
     now = _place(pose, frame, body, local)
     touches = now[:, 2] - floor < near
-    total, sides = np.zeros((len(frame), 2)), np.zeros(len(frame))
+    slower = np.full((len(frame), 2), np.inf)
     span = max(1, round(SLIDE_SPAN_S / step))
     for side in (-1, 1):
         other = np.clip(frame + side * span, 0, len(pose.position) - 1)
@@ -89,9 +77,9 @@ def _one_sided(
         along = np.hypot(moved[:, 0], moved[:, 1])
         level = np.abs(moved[:, 2]) <= _STEEP * along + _UNEVEN_M
         both = touches & (other != frame) & (then[:, 2] - floor < near) & level
-        total += np.where(both[:, None], side * moved[:, :2], 0.0)
-        sides += both
-    velocity: Floats = total / (np.maximum(sides, 1) * span * step)[:, None]
+        less = both & (along < np.hypot(slower[:, 0], slower[:, 1]))
+        slower[less] = side * moved[less, :2]
+    velocity: Floats = np.where(np.isfinite(slower), slower, 0.0) / (span * step)
     return velocity
 
 
@@ -101,17 +89,17 @@ def _place(pose: Pose, frame: Ints, body: Ints, local: Floats) -> Floats:
     return place
 
 
-def skate(support: Support, force: Floats, velocity: Floats) -> Series:
+def skate(support: Support, force: Floats, free: Bools) -> Series:
     """Sliding of loaded bodies: ``skate`` (T,) m/s of the fastest, and ``skate_body``.
 
     A body slides as fast as its slowest loaded point, so that rolling over the toes or turning
     about the heel is no sliding. Bodies that slide must together bear enough. ``skate_free`` counts
-    only sliding that friction does not brake: a body that skids to a halt with its force on the
-    edge of the cone, against the motion, does what physics asks of it.
+    only frames ``free`` (T,) in which friction does not brake it: a body that skids to a halt with
+    its force on the edge of the cone, against the motion, does what physics asks of it.
     """
-    speed = speeds(velocity)
+    speed = speeds(support.velocity)
     total = force[..., 2].sum(axis=1)
-    loads, slides, frees = (np.zeros((len(force), len(support.bodies))) for _ in range(3))
+    loads, slides = (np.zeros((len(force), len(support.bodies))) for _ in range(2))
     for k, candidate in enumerate(support.bodies):
         mine = support.own & (support.body == candidate)
         normal = np.where(mine, force[..., 2], 0.0)
@@ -119,14 +107,14 @@ def skate(support: Support, force: Floats, velocity: Floats) -> Series:
         bearing = mine & (normal > 0.01 * load[:, None])
         slowest = np.where(bearing, speed, np.inf).min(axis=1, initial=np.inf)
         slides[:, k] = np.where(np.isfinite(slowest), slowest, 0.0)
-        power = np.where(mine[..., None], force[..., :2] * velocity, 0.0).sum(axis=(1, 2))
-        most = (support.friction * normal * speed).sum(axis=1)
-        frees[:, k] = np.where(power < -BRAKED * most, 0.0, slides[:, k])
     enough = np.maximum(LOADED_BW, LOADED_SHARE * total)
     worst, column = _fastest_bearing(slides, loads, enough)
-    free, _ = _fastest_bearing(frees, loads, enough)
     body = support.bodies[column] if len(support.bodies) else np.zeros(len(force), dtype=np.int64)
-    return {"skate": worst, "skate_free": free, "skate_body": np.where(worst > 0, body, 0)}
+    return {
+        "skate": worst,
+        "skate_free": np.where(free, worst, 0.0),
+        "skate_body": np.where(worst > 0, body, 0),
+    }
 
 
 def _fastest_bearing(speed: Floats, load: Floats, enough: Floats) -> tuple[Floats, Ints]:

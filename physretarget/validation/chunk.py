@@ -41,8 +41,8 @@ from numpy.typing import NDArray
 
 from physretarget import kinematics
 from physretarget.ground.contacts import Contacts, find_contacts, lowest
-from physretarget.ground.sliding import arrows, skate, sliding, speeds
-from physretarget.ground.support import Support, explain, find_support
+from physretarget.ground.sliding import arrows, skate, sliding
+from physretarget.ground.support import Support, explain
 from physretarget.ground.undersides import Undersides, undersides
 from physretarget.ground.wrench import centre_of_mass
 from physretarget.mjcf import Character, derivatives, required_wrench
@@ -244,17 +244,16 @@ def _forces(
         return
     poses = (pose,) if chunk.raw_pose is pose else (pose, chunk.raw_pose)
     here = _part(pose, keep)
-    own = find_support(contacts, com, inner, chunk.reach)
-    velocity = sliding(own, here, poses, keep, chunk.step, work.tolerance)
+    velocity = sliding(contacts, _part(pose, chunk.wide), poses, chunk.wide.start, chunk.step)
     found = explain(
-        contacts, com, inner, chunk.reach, force, moment, height=height, speed=speeds(velocity)
+        contacts, com, inner, chunk.reach, force, moment, height=height, velocity=velocity
     )
     support = found.support
     series["supported"] = support.within
     series["moment_rest"], series["arm"] = found.moment, _mean_arm(support, height)
     series["contact_force"] = found.force.sum(axis=1)
     series |= arrows(support, found.force)
-    series |= skate(support, found.force, _widened(velocity, support.mask.shape[1]))
+    series |= skate(support, found.force, found.slides)
     if work.torque is not None and needs is not None:
         bears = found.force * character.weight
         held = contact_torque(character, here, support, bears, com[inner])
@@ -268,7 +267,3 @@ def _mean_arm(support: Support, height: float) -> Floats:
     number = np.maximum(support.mask.sum(axis=1), 1)[:, None]
     mean: Floats = support.arm.sum(axis=1) / (number * height)
     return mean
-
-
-def _widened(velocity: Floats, width: int) -> Floats:
-    return np.pad(velocity, [(0, 0), (0, width - velocity.shape[1]), (0, 0)])

@@ -93,9 +93,9 @@ def test_forces_act_where_a_body_touches_nearby_with_the_arm_it_has_then() -> No
         place, np.full((9, 1), 5), np.ones((9, 1)), on[:, None], on[:, None], np.zeros(9),
         np.zeros(9, dtype=np.int64), np.zeros(9), np.array([5]), on[:, None], 0.0,
     )  # fmt: skip
-    support = find_support(contacts, com, slice(1, 9), 2)
+    support = find_support(contacts, com, np.zeros((9, 1, 2)), slice(1, 9), 2)
     assert support.mask.sum(axis=1).tolist() == [0, 1, 0, 0, 0, 1, 0, 0]
-    wide = find_support(contacts, com, slice(1, 9), 2, np.ones(8, dtype=bool))
+    wide = find_support(contacts, com, np.zeros((9, 1, 2)), slice(1, 9), 2, np.ones(8, dtype=bool))
     assert wide.mask.sum(axis=1).tolist() == [1, 1, 1, 2, 1, 1, 1, 1]
     assert wide.own.any(axis=1).tolist() == [0, 1, 0, 0, 0, 1, 0, 0]
     assert wide.within.all()

@@ -156,7 +156,7 @@ ALTERED: dict[str, tuple[Callable[[Clip], Clip], tuple[str, str], tuple[str, str
     "upside down": (
         mirrored,
         ("CON001 CON003 DYN001 DYN002 DYN003", ""),
-        ("CON001 CON003 DYN001 DYN003", "DYN002"),
+        ("CON001 CON003 DYN001 DYN003", ""),
     ),
     "left hip flipped": (
         flipped(7),
@@ -165,10 +165,10 @@ ALTERED: dict[str, tuple[Callable[[Clip], Clip], tuple[str, str], tuple[str, str
     ),
     "left knee flipped": (
         flipped(8),
-        ("CON001 CON002 DYN001 DYN002 DYN003 DYN004 DYN005 KIN001", ""),
-        ("CON002 DYN005 KIN001", "CON001 DYN001 DYN003"),
+        ("CON001 DYN001 DYN002 DYN003 DYN004 DYN005 KIN001", ""),
+        ("DYN005 KIN001", "CON001 DYN001 DYN003"),
     ),
-    "left ankle flipped": (flipped(9), ("CON001 DYN005", "CON002"), ("CON001", "DYN005")),
+    "left ankle flipped": (flipped(9), ("CON001 DYN005", ""), ("CON001", "DYN005")),
 }
 
 

@@ -19,7 +19,7 @@ def test_contact_torque_is_the_transposed_jacobian(biped: Character, hop: Clip) 
     pose = kinematics.forward(biped.tree, qpos)
     com = np.random.default_rng(1).normal(size=(len(qpos), 3))
     near = find_contacts(undersides(biped), pose, 0.0, 0.02)
-    touch = find_support(near, com, slice(0, len(qpos)), 0)
+    touch = find_support(near, com, np.zeros((*near.mask.shape, 2)), slice(0, len(qpos)), 0)
     rng = np.random.default_rng(0)
     force = rng.normal(size=touch.position.shape) * touch.mask[..., None]
     ours = contact_torque(biped, pose, touch, force, com)

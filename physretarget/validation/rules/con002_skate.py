@@ -5,8 +5,9 @@ What it does
 Tangential speed, between frames in both of which they touch, of bodies that together bear more than
 10 % of body weight (and a quarter of what is borne) in the fitted contact forces: one foot, or
 several links of a snake. A body's speed is that of its slowest loaded point, so that rolling over
-the toes or turning on the heel is no sliding. A body that friction brakes, its force on the edge of
-the cone and against the motion, skids as physics has it and is not counted.
+the toes or turning on the heel is no sliding. Counted is what Coulomb's law cannot explain:
+where friction on the edge of its cone, within 45 degrees against the motion, leaves 0.1 BW more
+unexplained than friction as it pleases. What skids as physics has it is not counted.
 
 Why it matters
 --------------
