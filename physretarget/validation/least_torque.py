@@ -68,8 +68,8 @@ def unsupported(qpos: Floats, needs: RootWrench) -> Loads:
     none = np.zeros((frames, 0))
     support = Support(
         np.zeros((frames, 0, 3)), np.zeros((frames, 0, 3)), none.astype(np.int64), none,
-        none.astype(bool), none.astype(bool), np.zeros(0, dtype=np.int64),
-        np.zeros(frames, dtype=bool), 0.0,
+        np.zeros((frames, 0, 2)), none.astype(bool), none.astype(np.int64),
+        np.zeros(0, dtype=np.int64), np.zeros(frames, dtype=bool), 0.0,
     )  # fmt: skip
     return Loads(
         qpos, needs.joint_torque, needs.passive, np.zeros_like(needs.passive),
