@@ -27,7 +27,7 @@ LAMP, POSES = models_folder() / "lamp.xml", models_folder() / "lamp.keyposes.tom
 OPTIONS = {  # of both kinds of job; every one changes the result
     "validate": {"lowpass": 5.0, "unit": "cm", "fps": 20.0, "ignore": ["DAT"], "friction": 0.3,
                  "thresholds": {"CON003": {"error": 0.001}}, "profile": "robot"},
-    "retarget": {"mapper": "pca", "dims": 6, "until": "contacted", "resample": 25.0, "mass": 60.0,
+    "retarget": {"mapper": "pca", "dims": 6, "until": "placed", "resample": 25.0, "mass": 60.0,
                  "lowpass": 3.0, "heading": "momentum", "select": ["CON", "DYN"]},
 }  # fmt: skip
 FILES: dict[str, dict[str, Any]] = {

@@ -182,11 +182,15 @@ def delete_model(id: str, service: ServiceOf, caller: Submitter) -> Response:
     return Response(status_code=204)
 
 
-@router.post("/models/{id}/share", response_model=Model, responses=responses(404, 422, *GUARDED))
-def share_model(
-    id: schemas.Id, service: ServiceOf, caller: Submitter, shared: bool = True
-) -> Model:
+@router.post(
+    "/models/{id}/share", response_model=Model, responses=responses(404, 409, 422, *GUARDED)
+)
+def share_model(id: str, service: ServiceOf, caller: Submitter, shared: bool = True) -> Model:
     """Let every token use a model of yours, or no longer."""
+    if id in NAMES:
+        raise ApiError(409, "The built-in models are everybody's.")
+    if not _is_id(id):
+        raise ApiError(404, "There is no such model of yours.")
     found = service.registry.model(id, caller.owner)
     if found is None or not service.registry.share("models", id, shared, caller.owner):
         raise ApiError(404, "There is no such model of yours.")

@@ -55,7 +55,7 @@ def test_what_a_dead_server_left_is_taken_up_or_removed(
     home.blob("2" * 64).touch()
     live = start(tmp_path)
     ended = live.wait(job.id)
-    assert ended["attempts"] == 2
+    assert ended["attempts"] == 1, "that a server died is no fault of its jobs"
     assert ended["status"] == "failed"  # a box is no lamp; but it was looked at
     assert not any(place.exists() for place in left)
     assert home.blob(kept.sha256).exists()
@@ -72,9 +72,8 @@ def test_a_job_that_always_kills_is_given_up(start: Start, tmp_path: Path) -> No
                 model_name="lamp.xml", options={}, fingerprint="f", inputs={},
             )
         )  # fmt: skip
-        for _ in range(8):
-            assert queue.claim("dead", 1000) is not None
-            assert queue.recover() == 1
+        for _ in range(10):  # each of these leases has run out: the worker hung
+            assert queue.claim("hung", -1) is not None
     live = start(tmp_path)
     assert "given up" in live.wait(job.id)["error"]["message"]
     live.close()
