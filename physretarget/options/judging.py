@@ -89,6 +89,11 @@ class ValidationOptions(JudgingOptions):
         default_text="none",
         label="Low-pass",
     )
+    simulate: bool = option(
+        False,
+        help="Also play the clip forward in MuJoCo, without and with assist: rules and measures "
+        "SIM. Takes seconds per second.",
+    )
     stands: bool = option(
         False,
         help="A model that is fixed to the world only stands on its floor: judge whether it tips "

@@ -12,7 +12,7 @@ from physretarget.validation import RULES, Rule
 
 _FAMILIES = {
     "DAT": "The data", "MDL": "The model", "KIN": "Kinematics", "CON": "Contact",
-    "DYN": "Dynamics",
+    "DYN": "Dynamics", "SIM": "Simulation, with `--simulate`",
 }  # fmt: skip
 _HEAD = """# Rules
 

@@ -133,7 +133,7 @@ def _measures(
         assist_force_rms_bw=_rms(assist[:, :3]) / weight,
         assist_moment_rms_bwh=_rms(assist[:, 3:]) / (weight * character.com_height),
         torque_saturated_fraction=float(at_limit.mean()) if at_limit.size else 0.0,
-        limit_excess_max_rad=max(0.0, float(excess.max())),
+        joint_limit_excess_max_rad=max(0.0, float(excess.max())),
     )
 
 

@@ -25,6 +25,18 @@ _FAIR_FORCE = 0.05
 """Assist, BW RMS, that halves the score: residual forces of 5 % (Hicks et al. 2015)."""
 
 
+_UNITS = {
+    "survived_s": "s",
+    "tracking_rms_m": "m",
+    "tracking_share": "1",
+    "assist_force_rms_bw": "BW",
+    "assist_moment_rms_bwh": "BW·h",
+    "torque_saturated_fraction": "1",
+    "joint_limit_excess_max_rad": "rad",
+    "trackability": "1",
+}
+
+
 @dataclass(frozen=True, kw_only=True)
 class SimulationMeasures:
     """How well a simulation follows its clip.
@@ -36,7 +48,7 @@ class SimulationMeasures:
         assist_force_rms_bw, assist_moment_rms_bwh: help on the root, in body weights and body
             weights times the height of the centre of mass; zero without assist.
         torque_saturated_fraction: share of torques, over joints and time, at their limit.
-        limit_excess_max_rad: how far a joint went past its limits (rad or m).
+        joint_limit_excess_max_rad: how far a joint went past its limits (rad or m).
     """
 
     duration_s: float
@@ -46,20 +58,16 @@ class SimulationMeasures:
     assist_force_rms_bw: float
     assist_moment_rms_bwh: float
     torque_saturated_fraction: float
-    limit_excess_max_rad: float
+    joint_limit_excess_max_rad: float
+
+    @staticmethod
+    def units() -> dict[str, str]:
+        """Unit of every measure by its public name."""
+        return {f"sim_{name}": unit for name, unit in _UNITS.items()}
 
     def named(self) -> dict[str, tuple[float, str]]:
-        """Value and unit of every measure under its public name."""
-        return {
-            "sim_survived_s": (self.survived_s, "s"),
-            "sim_tracking_rms_m": (self.tracking_rms_m, "m"),
-            "sim_tracking_share": (self.tracking_share, "1"),
-            "sim_assist_force_rms_bw": (self.assist_force_rms_bw, "BW"),
-            "sim_assist_moment_rms_bwh": (self.assist_moment_rms_bwh, "BW·h"),
-            "sim_torque_saturated_fraction": (self.torque_saturated_fraction, "1"),
-            "sim_joint_limit_excess_max_rad": (self.limit_excess_max_rad, "rad"),
-            "sim_trackability": (self.trackability, "1"),
-        }
+        """Value and unit of every measure by its public name."""
+        return {f"sim_{name}": (getattr(self, name), unit) for name, unit in _UNITS.items()}
 
     @property
     def trackability(self) -> float:

@@ -29,6 +29,7 @@ from physretarget.validation.readings import Better, better_reading
 
 if TYPE_CHECKING:
     from physretarget.validation.config import Settings
+    from physretarget.validation.simulated import Played
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -49,7 +50,8 @@ class Analysis:
     be computed. ``poses`` (first, last) gives the frames (last - first, nq) before the filter.
     ``own_frames`` tells whether its frames are the clip's, ``stands`` whether a base that the model
     fixes to the world was set free. ``coarse`` is the clip at 30 instants
-    a second, None where it has hardly more frames than that.
+    a second, None where it has hardly more frames than that. ``played`` is the clip simulated,
+    where that was asked for.
     """
 
     clip: Motion
@@ -66,6 +68,7 @@ class Analysis:
     own_frames: bool = True
     stands: bool = False
     coarse: Analysis | None = None
+    played: Played | None = None
 
     @property
     def measured(self) -> Analysis:

@@ -48,6 +48,9 @@ from physretarget.validation.rules import (
     mdl005_controller_gains,
     mdl006_no_contact_geometry,
     mdl007_suspicious_world,
+    sim001_falls,
+    sim002_deviates,
+    sim003_needs_assist,
 )
 
 RULES: tuple[Rule, ...] = (
@@ -95,6 +98,9 @@ RULES: tuple[Rule, ...] = (
     dyn008_joint_torque.RULE,
     dyn009_support_peak.RULE,
     dyn010_tipping.RULE,
+    sim001_falls.RULE,
+    sim002_deviates.RULE,
+    sim003_needs_assist.RULE,
 )
 RETIRED: tuple[str, ...] = ()
 

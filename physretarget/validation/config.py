@@ -28,7 +28,8 @@ class Settings(ValidationOptions):
     height, at least 1 and at most 2 cm. ``friction`` overrides the model's. ``select`` and
     ``ignore`` are codes or their beginnings ("DYN"). ``limits`` maps a code to limit names to
     values, ``severity`` a code to its severity. ``stands``: a model fixed to the world only stands
-    on its floor. ``also_literature`` adds other tools' numbers.
+    on its floor. ``simulate``: the clip is played forward too. ``also_literature`` adds other
+    tools' numbers.
     """
 
     def chosen(self, rules: tuple[Rule, ...]) -> tuple[Rule, ...]:
@@ -37,7 +38,8 @@ class Settings(ValidationOptions):
         return tuple(
             rule
             for rule in rules
-            if (not self.select or rule.code.startswith(self.select))
+            if (self.simulate or rule.family != "SIM")
+            and (not self.select or rule.code.startswith(self.select))
             and not (self.ignore and rule.code.startswith(self.ignore))
         )
 

@@ -29,6 +29,7 @@ from physretarget.validation.report import (
     ContactForces,
     Coverage,
     Finding,
+    Measure,
     ModelFacts,
     Report,
     Status,
@@ -36,6 +37,7 @@ from physretarget.validation.report import (
 )
 from physretarget.validation.rule import Rule, Verdict
 from physretarget.validation.series import Shown
+from physretarget.validation.simulated import play, simulated_measures
 
 DERIVATIVE = "central differences, second order"
 MEASURED = f"; measures at {MEASURED_HZ:g} frames/s, findings at every frame"
@@ -76,6 +78,8 @@ def validate(
         )
     clip, character, stands = with_free_root(clip, character, stands=settings.stands)
     analysis = analyse(clip, character, settings, progress, stands=stands)
+    if settings.simulate:
+        analysis = replace(analysis, played=play(clip, character, settings.lowpass_hz))
     findings: list[Finding] = []
     causes: list[Cause] = []
     coverage: dict[str, Coverage] = {}
@@ -96,7 +100,7 @@ def validate(
         clip=_clip_facts(analysis),
         model=_model_facts(character),
         settings=_used(analysis),
-        measures=measures(analysis),
+        measures=measures(analysis) | _simulated(analysis),
         findings=tuple(findings),
         coverage=tuple(coverage[rule.code] for rule in chosen),
         causes=likeliest(causes),
@@ -120,6 +124,10 @@ def validate_many(
         return
     with ThreadPoolExecutor(workers) as pool:
         yield from pool.map(lambda clip: validate(clip, character, settings=settings), clips)
+
+
+def _simulated(analysis: Analysis) -> dict[str, Measure]:
+    return simulated_measures(analysis.played) if analysis.played else {}
 
 
 def _asked(rule: Rule, findings: Sequence[Finding]) -> bool:

@@ -76,7 +76,7 @@ def test_a_clip_that_can_happen_is_played_to_its_end(nod: Simulation) -> None:
     assert nod.survived
     assert nod.measures.survived_s == pytest.approx(0.8)
     assert nod.measures.tracking_share < 0.005
-    assert nod.measures.limit_excess_max_rad < 0.02
+    assert nod.measures.joint_limit_excess_max_rad < 0.02
     assert nod.measures.trackability > 0.9
 
 

@@ -376,6 +376,29 @@ def _(biped, hop, standing):  # type: ignore[no-untyped-def]
     return Clip(qpos=np.full((30, 1), 0.8), time=np.arange(30) / 30.0), arm
 
 
+def _leaning(biped: Character, standing: Clip) -> Clip:
+    """A statue, 40 degrees over."""
+    qpos = standing.qpos[:40].copy()
+    qpos[:, 3:7] = [np.cos(np.deg2rad(20)), 0.0, np.sin(np.deg2rad(20)), 0.0]
+    return replace(standing, qpos=qpos, time=standing.time[:40], contact_active=None)
+
+
+@fires("SIM001")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    return _leaning(biped, standing), biped
+
+
+@fires("SIM002")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    return _leaning(biped, standing), biped
+
+
+@fires("SIM003")
+def _(biped, hop, standing):  # type: ignore[no-untyped-def]
+    clip = replace(standing, qpos=standing.qpos[:20], time=standing.time[:20], contact_active=None)
+    return posed(clip, q2=lambda q, t: q + 0.3), biped
+
+
 def codes(report: Report) -> set[str]:
     return {finding.code for finding in report.findings}
 
@@ -387,7 +410,8 @@ def test_every_rule_has_a_firing_clip() -> None:
 @pytest.mark.parametrize("code", sorted(FIRING))
 def test_rule_fires(code: str, biped: Character, hop: Clip, standing: Clip) -> None:
     clip, character = FIRING[code](biped, hop, standing)
-    report = validate(clip, character, settings=Settings(stands=code == "DYN010"))
+    settings = Settings(stands=code == "DYN010", simulate=code.startswith("SIM"))
+    report = validate(clip, character, settings=settings)
     assert code in codes(report), [c for c in report.coverage if c.code == code]
     finding = next(f for f in report.findings if f.code == code)
     assert finding.rule == BY_CODE[code].name
@@ -408,7 +432,7 @@ def test_clean_clips_stay_clean(biped: Character, hop: Clip, standing: Clip, pro
 
 @pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.code)
 def test_rule_is_documented(rule) -> None:  # type: ignore[no-untyped-def]
-    assert re.fullmatch(r"(DAT|MDL|KIN|CON|DYN)\d{3}", rule.code)
+    assert re.fullmatch(r"(DAT|MDL|KIN|CON|DYN|SIM)\d{3}", rule.code)
     assert rule.code not in RETIRED
     assert set(rule.sections) == {"What it does", "Why it matters", "Threshold", "Example"}
     assert all(len(text) > 4 for text in rule.sections.values())
