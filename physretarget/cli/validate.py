@@ -15,12 +15,13 @@ from rich.progress import Progress
 
 from physretarget.cli import app
 from physretarget.cli.common import Given, command, fail, messages, say
-from physretarget.cli.validate_out import Judged, Output
+from physretarget.cli.validate_out import Judged, Output, check_copies, copy_clips
 from physretarget.clip.load import CLIP_SUFFIXES
 from physretarget.errors import InputError, PhysretargetError, UsageError
 from physretarget.job import load_character, run_job
 from physretarget.options import VALIDATE, build
 from physretarget.options.judging import ReportOptions, ValidationOptions
+from physretarget.report.curation import hours, parse_condition, row
 from physretarget.report.html import render_html
 from physretarget.report.rules import render_rule, render_rules
 from physretarget.report.words import count
@@ -49,8 +50,9 @@ def validate_command(
 ) -> None:
     """Judge clips, or all clips of a folder, by physics.
 
-    Several clips make one document: an array of reports (json), one run (sarif), a suite per clip
-    (junit). HTML has a page per clip and needs a folder as --out.
+    Several clips make one document: a summary (text), an array of reports (json), one run (sarif),
+    a suite per clip (junit), a row a clip (csv, parquet). With a folder as --out each clip has a
+    report of its own there, as HTML always has.
 
     A clip passes, fails or is not judged, where the forces of the floor could not be: --require
     dynamics makes that a failure too. Exit code 1 if one fails, 2 if one could not be read.
@@ -59,6 +61,7 @@ def validate_command(
     several = len(clips) > 1 or clips[0].is_dir()
     output = Output(format=told.format, fail_on=told.fail_on, path=told.out, several=several)
     output.check()
+    keeps = parse_condition(told.where) if told.where is not None else None
     job = _Job(
         given=given,
         accepted=load_baseline(told.baseline) if told.baseline else None,
@@ -67,13 +70,22 @@ def validate_command(
     load_character(given["model"])  # a broken model is one error, not one for every clip
     settings_of(given, RULES, ValidationOptions)
     files = _files(clips)
+    if told.copy_passed is not None:
+        check_copies(files, told.copy_passed)
     judged, unread = _judged(files, _outcomes(files, job, told.jobs), several=several)
     reports = [one.report for one in judged]
+    kept = [one for one in judged if keeps is None or keeps(row(one.report))]
     if told.accept is not None:
         save_baseline(reports, told.accept)
         accepted = count(sum(len(r.findings) for r in reports), "finding")
         say(f"{told.accept}: {accepted} accepted.")
-    output.put(judged, unread)
+    output.put(kept, unread)
+    if keeps is not None:
+        say(f"--where: {_amount(kept)} of {_amount(judged)} kept.")
+    if told.copy_passed is not None:
+        passed = [one for one in kept if one.report.verdict == "passed"]
+        copy_clips([one.path for one in passed], told.copy_passed)
+        say(f"{told.copy_passed}: {_amount(passed)} copied.")
     if unread:
         raise typer.Exit(2)
     for report in reports:
@@ -81,6 +93,11 @@ def validate_command(
             say(f"{report.clip.path}: {what} not judged, {why}.")
     if any(report.fails(told.fail_on, told.require) for report in reports):
         raise typer.Exit(1)
+
+
+def _amount(judged: list[Judged]) -> str:
+    length = hours(sum(one.report.clip.duration_s for one in judged))
+    return f"{count(len(judged), 'clip')} ({length})"
 
 
 @dataclass(frozen=True, kw_only=True)

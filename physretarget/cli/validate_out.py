@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,9 @@ import typer
 from physretarget.cli.common import say
 from physretarget.clip import write_file
 from physretarget.errors import InputError, UsageError
+from physretarget.files import beside
 from physretarget.options.judging import Severity
+from physretarget.report.curation import render_csv, render_parquet, render_summary
 from physretarget.report.json import render_json
 from physretarget.report.junit import render_junit
 from physretarget.report.markdown import render_markdown
@@ -28,8 +31,11 @@ SUFFIXES: dict[str, tuple[str, ...]] = {
     "junit": (".xml",),
     "markdown": (".md", ".markdown"),
     "html": (".html", ".htm"),
+    "csv": (".csv",),
+    "parquet": (".parquet",),
 }
 """By format, what its files end in; the first is what files in a folder get."""
+_TABLES = ("csv", "parquet")
 
 
 @dataclass(frozen=True)
@@ -56,6 +62,10 @@ class Output:
 
     def check(self) -> None:
         """Raise UsageError where the reports will not fit: before the clips are judged."""
+        if self.format == "parquet" and self.path is None:
+            raise UsageError("a Parquet table is no text: --out must name its file.")
+        if self.format in _TABLES and self._folder():
+            raise UsageError(f"a table holds all clips: --out must name a file, not '{self.path}'.")
         if self.format == "html" and self.several and not self._folder():
             told = "" if self.path is None else f", not the file '{self.path}'"
             raise UsageError(
@@ -66,11 +76,11 @@ class Output:
         """Write them all; ``unread`` are the clips that could not be judged, and why."""
         if self.path is None:
             text = self._all(judged, unread)
-            typer.echo(text, nl=not text.endswith("\n"))
+            typer.echo(text, nl=not text.endswith(b"\n"))
         elif self._folder():
             self._put_each(judged, self.path)
         else:
-            write_file(self.path, self._all(judged, unread).encode())
+            write_file(self.path, self._all(judged, unread))
             say(f"{self.path}: {_verdict(judged)}")
 
     def _folder(self) -> bool:
@@ -89,17 +99,17 @@ class Output:
             # walk.csv and walk.npz must not share a page.
             name = one.path.stem if stems.count(one.path.stem) == 1 else one.path.name
             target = folder / f"{name}{SUFFIXES[self.format][0]}"
-            write_file(target, self._one(one).encode())
+            write_file(target, self._one(one))
             say(f"{target}: {_verdict([one])}")
 
-    def _one(self, one: Judged) -> str:
+    def _one(self, one: Judged) -> bytes:
         if one.page is not None:
-            return one.page
+            return one.page.encode()
         return render(one.report, self.format, self.fail_on)
 
-    def _all(self, judged: Sequence[Judged], unread: Mapping[str, str]) -> str:
-        if not self.several:
-            return "".join(self._one(one) for one in judged)
+    def _all(self, judged: Sequence[Judged], unread: Mapping[str, str]) -> bytes:
+        if not self.several and len(judged) == 1:
+            return self._one(judged[0])
         return render([one.report for one in judged], self.format, self.fail_on, unread)
 
 
@@ -108,25 +118,30 @@ def render(
     format_: str,
     fail_on: Severity,
     unread: Mapping[str, str] = MappingProxyType({}),
-) -> str:
+) -> bytes:
     """One document that a parser of the format takes whole; of several reports, about them all.
 
     JSON: of several an array. SARIF: one run, because GitHub's code scanning refuses files whose
-    runs share tool and category. JUnit: a suite per clip. These two have a word for clips that
-    could not be read; elsewhere they are missing, and stderr names them.
+    runs share tool and category. JUnit: a suite per clip. Text: a summary. CSV and Parquet: a row
+    a clip. JSON and Markdown have no word for clips that could not be read: stderr names them.
     """
     match format_:
         case "json":
-            return render_json(reports)
+            return render_json(reports).encode()
         case "sarif":
-            return render_sarif(reports, unread=unread)
+            return render_sarif(reports, unread=unread).encode()
         case "junit":
-            return render_junit(reports, fail_on=fail_on, unread=unread)
+            return render_junit(reports, fail_on=fail_on, unread=unread).encode()
         case "markdown":
-            return render_markdown(reports)
+            return render_markdown(reports).encode()
+        case "csv":
+            return render_csv(reports, unread).encode()
+        case "parquet":
+            return render_parquet(reports, unread)
         case "text":
-            many = [reports] if isinstance(reports, Report) else reports
-            return "\n".join(render_text(report) for report in many)
+            if isinstance(reports, Report):
+                return render_text(reports).encode()
+            return render_summary(reports, unread).encode()
     raise ValueError(f"{format_} is drawn where the clip is at hand")
 
 
@@ -142,3 +157,27 @@ def _verdict(judged: Sequence[Judged]) -> str:
         f"{told}, {count(sum(r.errors for r in reports), 'error')}, "
         f"{count(sum(r.warnings for r in reports), 'warning')}."
     )
+
+
+def check_copies(paths: Sequence[Path], folder: Path) -> None:
+    """Raise where copies of these clips would replace each other, or the clips themselves."""
+    if folder.exists() and not folder.is_dir():
+        raise InputError("is a file; clips are copied into a folder.", path=folder)
+    seen: dict[str, Path] = {}
+    for path in paths:
+        if path.parent.resolve() == folder.resolve():
+            raise UsageError(f"--copy-passed '{folder}' is the folder of '{path.name}' itself.")
+        if path.name in seen:
+            raise UsageError(
+                f"--copy-passed would put '{seen[path.name]}' and '{path}' into one file: judge "
+                "their folders one at a time, with a folder for each."
+            )
+        seen[path.name] = path
+
+
+def copy_clips(paths: Sequence[Path], folder: Path) -> None:
+    """Copy files into a folder, each whole or not at all."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for path in paths:
+        with beside(folder / path.name) as target:
+            shutil.copyfile(path, target)

@@ -13,7 +13,7 @@ Profile = Literal["animation", "robot"]
 Verdict = Literal["passed", "failed", "not judged"]
 Severity = Literal["error", "warning"]
 Require = Literal["dynamics", "contact", "torques"]
-Format = Literal["text", "json", "sarif", "junit", "markdown", "html"]
+Format = Literal["text", "json", "sarif", "junit", "markdown", "html", "csv", "parquet"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,6 +122,16 @@ class ReportOptions:
     fail_on: Severity = option("error", help="What makes the exit code 1.")
     require: tuple[Require, ...] = option(
         (), help="What must have been judged: the exit code is 1 where it could not be."
+    )
+    where: str | None = option(
+        None,
+        help="Report and copy only clips whose row in the table (--format csv) meets this, as in "
+        "\"unexplained_force_rms_bw < 0.3 and verdict == 'passed'\". The exit code is that of all.",
+        metavar="CONDITION",
+        default_text="all",
+    )
+    copy_passed: Path | None = option(
+        None, help="Copy the clips that pass into a folder.", metavar="FOLDER"
     )
     out: Path | None = option(
         None,

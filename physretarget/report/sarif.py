@@ -1,7 +1,7 @@
 """Reports as SARIF 2.1.0 (OASIS), for viewers that know the format.
 
-A finding's place is the clip's file. Where a frame is a line of that file (csv without a
-header) it is the region; everywhere else frames stand in the message and the properties.
+A finding's place is the clip's file. Where a frame is a line of that file (csv) its lines are the
+region; everywhere else it is line 1, and frames stand in the message and the properties.
 """
 
 from __future__ import annotations
@@ -102,10 +102,7 @@ def _result(finding: Finding, report: Report, index: int) -> dict[str, Any]:
     if finding.frame_first is not None:
         message += f" [frames {finding.frame_first}-{finding.frame_last}, look at {finding.frame}]"
     physical: dict[str, Any] = {"artifactLocation": {"uri": _uri(report.clip.path), "index": index}}
-    top = report.clip.first_line
-    if finding.frame_first is not None and top is not None:
-        last = finding.frame_last if finding.frame_last is not None else finding.frame_first
-        physical["region"] = {"startLine": top + finding.frame_first, "endLine": top + last}
+    physical["region"] = _region(finding, report.clip.first_line)
     location: dict[str, Any] = {"physicalLocation": physical}
     if finding.body:
         location["logicalLocations"] = [{"name": finding.body, "kind": "object"}]
@@ -127,11 +124,29 @@ def _result(finding: Finding, report: Report, index: int) -> dict[str, Any]:
     }
 
 
+def _region(finding: Finding, top: int | None) -> dict[str, int]:
+    """The lines of the frames; the first line where frames are no lines.
+
+    Code scanning shows no result without a line.
+    """
+    if finding.frame_first is None or top is None:
+        return {"startLine": 1}
+    last = finding.frame_last if finding.frame_last is not None else finding.frame_first
+    return {"startLine": top + finding.frame_first, "endLine": top + last}
+
+
 def _broken(path: str, why: str) -> dict[str, Any]:
     return {
         "level": "error",
         "message": {"text": why},
-        "locations": [{"physicalLocation": {"artifactLocation": {"uri": _uri(path)}}}],
+        "locations": [
+            {
+                "physicalLocation": {
+                    "artifactLocation": {"uri": _uri(path)},
+                    "region": {"startLine": 1},
+                }
+            }
+        ],
     }
 
 

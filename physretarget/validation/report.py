@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from physretarget.kinematics.runs import runs
 from physretarget.options.judging import Severity, Verdict
 
 SCHEMA = "physretarget/report/1"
@@ -180,6 +181,24 @@ class Report:
         Rules that were not selected are not missed.
         """
         return self._gap("dynamics") if self._coverage_of("dynamics") is not None else None
+
+    def clean_ranges(self, shortest_s: float = 1.0) -> list[tuple[float, float]]:
+        """The stretches without an error, begin and end in seconds from the first frame, in order.
+
+        An error about the whole clip leaves none. A stretch shorter than ``shortest_s`` is of no
+        use to anybody who cuts it out, and is left out.
+        """
+        bad = np.zeros(self.clip.frames, dtype=bool)
+        for finding in self.findings:
+            if finding.severity != "error":
+                continue
+            if finding.frame_first is None:
+                return []
+            last = finding.frame_first if finding.frame_last is None else finding.frame_last
+            bad[finding.frame_first : last + 1] = True
+        step = self.clip.duration_s / max(1, self.clip.frames - 1)
+        ranges = [(first * step, last * step) for first, last in runs(~bad)]
+        return [(begin, end) for begin, end in ranges if end - begin >= shortest_s]
 
     def unmet(self, required: Iterable[str]) -> dict[str, str]:
         """Of what is required to be judged (dynamics, contact, torques) what was not, and why."""

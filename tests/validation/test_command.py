@@ -187,7 +187,7 @@ def names_in(text: str, format_: str) -> list[str]:
     elif format_ == "markdown":
         return re.findall(r"^### .*`(\w+\.npz)`", text, flags=re.MULTILINE)
     else:
-        paths = list(dict.fromkeys(re.findall(r"\S+\.npz", text)))
+        paths = sorted(set(re.findall(r"\S+\.npz", text)))  # the worst come first
     return [Path(path).name for path in paths]
 
 
