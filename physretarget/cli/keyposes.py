@@ -10,12 +10,13 @@ import typer
 from physretarget.cli import app
 from physretarget.cli.common import Given, command, progress, say
 from physretarget.errors import UsageError
-from physretarget.keyposes import check, load_keyposes, sheet
+from physretarget.keyposes import check, load_keyposes, plant, save, sheet
 from physretarget.mjcf import Character
-from physretarget.options import CHECK, SHEET
+from physretarget.options import CHECK, PLANT, SHEET, build
+from physretarget.options.posing import PlantOptions
 
 group = typer.Typer(
-    help="Check, draw, suggest and propose key poses.",
+    help="Check, draw, suggest, propose and plant key poses.",
     epilog="Example: physretarget keyposes check lamp.keyposes.toml --character lamp.xml",
     no_args_is_help=True,
 )
@@ -46,6 +47,30 @@ def check_command(files: Files, given: Given) -> None:
     say(f"{len(poses)} key poses: {errors} errors, {len(remarks) - errors} warnings.")
     if errors:
         raise typer.Exit(1)
+
+
+@command(
+    group,
+    "plant",
+    PLANT,
+    example="physretarget keyposes plant crab.keyposes.toml --character crab.xml",
+)
+def plant_command(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Key pose file (TOML).")],
+    given: Given,
+) -> None:
+    """Put key poses down: planted points onto the floor, and nothing in it.
+
+    Each pose moves as little as it can, within the joints' limits.
+    """
+    told = build(PlantOptions, given)
+    model = Character.load(given["character"])
+    before = load_keyposes(file, model)
+    after = plant(before, model)
+    target = told.out or file
+    save(after, target, model)
+    wrong = [sum(r.severity == "error" for r in check(each, model)) for each in (before, after)]
+    say(f"{target}: {len(after)} key poses put down; errors {wrong[0]} before, {wrong[1]} now.")
 
 
 @command(

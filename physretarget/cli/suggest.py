@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -16,19 +15,24 @@ from physretarget.capture.actor import ActorMotion, ActorShape
 from physretarget.cli.common import Given, command, progress, say
 from physretarget.cli.keyposes import group
 from physretarget.errors import InputError, UsageError
-from physretarget.features import INVERTED_COSINE, features
 from physretarget.keyposes import (
     KeyPose,
     KeyPoseSet,
-    actor_character_of_reference,
     load_keyposes,
     propose,
     save,
+    settled,
     sheet,
     without_heading,
 )
+from physretarget.keyposes.candidates import (
+    Candidates,
+    NextFrame,
+    find_candidates,
+    next_frames,
+    start_name,
+)
 from physretarget.keyposes.propose import planted_points
-from physretarget.keyposes.suggest import MOST_FRAMES, Suggestion, suggest
 from physretarget.mjcf import Character
 from physretarget.options import PROPOSE, SUGGEST, build
 from physretarget.options.motion import CAPTURES
@@ -38,16 +42,6 @@ from physretarget.trained import check_mobile
 
 Array = NDArray[np.float64]
 LICENSE = "unknown: write here under which terms the captures may be used"
-
-
-@dataclass(frozen=True, eq=False)
-class _Candidates:
-    """Frames to choose from: which motion and frame each is, and features (M, DY)."""
-
-    motions: tuple[ActorMotion, ...]
-    motion: NDArray[np.int64]
-    frame: NDArray[np.int64]
-    y: Array
 
 
 @command(
@@ -67,20 +61,19 @@ def suggest_command(
     check_mobile(model)
     posed = load_keyposes(told.keyposes, model) if told.keyposes else None
     with progress("reading"):
-        candidates = _candidates(captures, told.resample)
-        known = _posed_features(posed)
-        found = suggest(candidates.y, known, count=told.count)
-    rows = _rows(candidates, found, posed)
+        candidates = find_candidates([capture.load(path) for path in captures], fps=told.resample)
+        found = next_frames(candidates, posed, count=told.count)
+    for note in candidates.notes:
+        say(note)
+    rows = _rows(candidates, found)
     if told.format == "json":
         typer.echo(json.dumps(rows, indent=1))
     else:
         _table(rows)
     if len(found) < told.count:
         say(f"{len(found)} frames: no other is unlike these and what is posed.")
-    places = [
-        (candidates.motions[candidates.motion[s.index]], _frame(candidates, s)) for s in found
-    ]
-    _write(model, places, [str(row["reason"]) for row in rows], told.out, told.sheet)
+    places = [candidates.place(each.suggestion.index) for each in found]
+    _write(model, places, [each.reason for each in found], told.out, told.sheet)
 
 
 @command(
@@ -107,76 +100,25 @@ def propose_command(
     _write(model, places, ["chosen by hand"] * len(places), told.out, told.sheet)
 
 
-def _candidates(captures: list[Path], fps: float) -> _Candidates:
-    """Valid frames of all captures, ``fps`` per second, thinned to what can be compared."""
-    actor = actor_character_of_reference()
-    motions, motion, frame, y = [], [], [], []
-    for number, path in enumerate(captures):
-        own = capture.load(path)
-        step = max(own.fps / fps, 1.0)
-        taken = np.unique(np.round(np.arange(0, len(own.time) - 1e-9, step)).astype(np.int64))
-        taken = taken[(taken < len(own.time))]
-        taken = taken[own.valid[taken]]
-        # Upside down a body has no heading, and so no key pose: Yamane 2010, section 4.1.
-        tilt = own.qpos[taken, 4] ** 2 + own.qpos[taken, 5] ** 2
-        upright = 1.0 - 2.0 * tilt > INVERTED_COSINE
-        if not upright.all():
-            say(f"{path.name}: {int((~upright).sum())} frames upside down are left out.")
-        taken = taken[upright]
-        qpos = own.on(ActorShape.reference()).qpos[taken]
-        motions.append(own)
-        motion.append(np.full(len(taken), number))
-        frame.append(taken)
-        y.append(np.array([features(actor, each[None])[0] for each in qpos]).reshape(len(qpos), -1))
-    keep = slice(None, None, int(np.ceil(max(sum(map(len, frame)), 1) / MOST_FRAMES)))
-    all_y = np.concatenate([each for each in y if len(each)] or [np.zeros((0, 1))])
-    return _Candidates(
-        tuple(motions), np.concatenate(motion)[keep], np.concatenate(frame)[keep], all_y[keep]
-    )
-
-
-def _posed_features(posed: KeyPoseSet | None) -> Array:
-    actor = actor_character_of_reference()
-    poses = posed.poses if posed else ()
-    return np.array([features(actor, pose.actor_qpos[None])[0] for pose in poses])
-
-
-def _frame(candidates: _Candidates, suggestion: Suggestion) -> int:
-    return int(candidates.frame[suggestion.index])
-
-
-def _rows(
-    candidates: _Candidates, found: tuple[Suggestion, ...], posed: KeyPoseSet | None
-) -> list[dict[str, object]]:
-    names = [pose.name for pose in posed.poses] if posed else []
+def _rows(candidates: Candidates, found: tuple[NextFrame, ...]) -> list[dict[str, object]]:
     rows: list[dict[str, object]] = []
     for rank, each in enumerate(found, start=1):
-        motion, frame = candidates.motions[candidates.motion[each.index]], _frame(candidates, each)
-        near = ""
-        if each.nearest is not None:
-            known = each.nearest < len(names)
-            near = names[each.nearest] if known else f"suggestion {each.nearest - len(names) + 1}"
+        told = each.suggestion
+        motion, frame = candidates.place(told.index)
         rows.append(
             {
                 "rank": rank,
                 "capture": motion.source.name,
                 "frame": frame,
                 "time_s": round(float(motion.time[frame]), 4),
-                "score": round(each.score, 4),
-                "stands_for": round(each.stands_for, 4),
-                "nearest": near or None,
-                "distance_m": round(each.distance, 4) if near else None,
-                "reason": _reason(each, near),
+                "score": round(told.score, 4),
+                "stands_for": round(told.stands_for, 4),
+                "nearest": each.nearest or None,
+                "distance_m": round(told.distance, 4) if each.nearest else None,
+                "reason": each.reason,
             }
         )
     return rows
-
-
-def _reason(each: Suggestion, near: str) -> str:
-    share = f"{each.stands_for:.0%} of all frames" if each.stands_for >= 0.005 else "itself alone"
-    if not near:
-        return f"nothing is posed yet; stands for {share}"
-    return f"{100 * each.distance:.0f} cm (RMS) from {near}, its nearest; stands for {share}"
 
 
 def _table(rows: list[dict[str, object]]) -> None:
@@ -206,16 +148,14 @@ def _write(
     poses: list[KeyPose] = []
     for (motion, frame), reason in zip(places, reasons, strict=True):
         actor = without_heading(motion.on(ActorShape.reference()).qpos[frame])
-        stem = Path(motion.source.name).stem
-        name = f"{stem}-{motion.time[frame]:.2f}"
         poses.append(
             KeyPose(
-                name=name,
+                name=start_name(motion, frame),
                 source=motion.source.name,
                 sha256=motion.source.sha256,
                 time=float(motion.time[frame]),
                 actor_qpos=actor,
-                qpos=propose(model, actor),
+                qpos=_start(model, actor),
                 planted=planted_points(actor),
                 note=f"Start pose, to be posed. {reason}.",
             )
@@ -234,3 +174,10 @@ def _write(
         picture.parent.mkdir(parents=True, exist_ok=True)
         sheet(made, model, picture)
         say(f"{picture}: {len(made)} pairs.")
+
+
+def _start(model: Character, actor: Array) -> Array:
+    """The proposed pose, put down on the floor."""
+    planted = planted_points(actor)
+    down = settled(model, propose(model, actor, planted=planted), planted=planted)
+    return without_heading(down, front=model.front, up=model.up)

@@ -12,6 +12,7 @@ from physretarget.keyposes.file import load, load_keyposes, save
 from physretarget.keyposes.pairs import actor_character_of_reference, training_pairs
 from physretarget.keyposes.pose import KeyPose, KeyPoseSet, merged, without_heading
 from physretarget.keyposes.propose import gaze_of_actor, propose
+from physretarget.keyposes.settle import plant, settled
 from physretarget.keyposes.sheet import sheet
 
 __all__ = [
@@ -24,8 +25,10 @@ __all__ = [
     "load",
     "load_keyposes",
     "merged",
+    "plant",
     "propose",
     "save",
+    "settled",
     "sheet",
     "training_pairs",
     "without_heading",

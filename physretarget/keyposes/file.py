@@ -147,8 +147,8 @@ class _Reader:
                 f"knows {REFERENCE_ACTOR!r}",
                 key="reference_actor",
             )
-        tables = content.get("pose", [])
-        if not isinstance(tables, list) or not tables:
+        tables = content.get("pose")
+        if not isinstance(tables, list):  # an empty list is a file that is begun
             raise self._error("has no [[pose]]")
         poses = [self._pose(table, index) for index, table in enumerate(tables)]
         seen: set[str] = set()

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from physretarget.errors import InputError, UsageError
 from physretarget.mapping.kernels import squared_distances
 
-__all__ = ["MOST_FRAMES", "Suggestion", "suggest"]
+__all__ = ["MOST_FRAMES", "Suggestion", "suggest", "uncertainty"]
 
 Array = NDArray[np.float64]
 
@@ -77,6 +77,23 @@ def suggest(frames: Array, posed: Array, *, count: int = 10) -> tuple[Suggestion
     posed = posed.reshape(-1, frames.shape[1])
     kernel = _width(frames)
     return _greedy(_conditioned(kernel, frames, posed), kernel, frames, posed, count)
+
+
+def uncertainty(frames: Array, posed: Array) -> Array:
+    """(M,) standard deviation that is left of each frame, 0 to 1, once ``posed`` is posed.
+
+    Args:
+        frames: (M, DY) actor features.
+        posed: (N, DY) those of the key poses; N may be 0.
+    """
+    if not len(posed):
+        return np.ones(len(frames))
+    kernel = _width(frames)
+    gram = kernel(posed, posed) + kernel.noise * np.eye(len(posed))
+    cross = kernel(posed, frames)
+    known = np.einsum("nm,nm->m", cross, np.linalg.solve(gram, cross))
+    left: Array = np.sqrt(np.clip(1.0 - known, 0.0, 1.0))
+    return left
 
 
 @dataclass(frozen=True)

@@ -56,3 +56,29 @@ class ProposeOptions:
 
     def __post_init__(self) -> None:
         check(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudioOptions:
+    """Where the studio works, and listens."""
+
+    keyposes: Path = option(
+        help="Key pose file to work on; begun if it is not there.", metavar="FILE.toml"
+    )
+    host: str = option(
+        "127.0.0.1", help="Address to listen on; the default is this machine only.",
+        metavar="ADDRESS",
+    )  # fmt: skip
+    port: int = option(0, help="To listen on.", least=0, most=65535, default_text="a free one")
+
+    def __post_init__(self) -> None:
+        check(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlantOptions:
+    """Where the poses go that were put down."""
+
+    out: Path | None = option(
+        None, help="Key pose file to write.", metavar="NEW.toml", default_text="in place"
+    )

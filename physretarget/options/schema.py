@@ -39,7 +39,13 @@ from physretarget.options.motion import (
     Resampling,
     SkeletonFile,
 )
-from physretarget.options.posing import ProposeOptions, SheetFile, SuggestOptions
+from physretarget.options.posing import (
+    PlantOptions,
+    ProposeOptions,
+    SheetFile,
+    StudioOptions,
+    SuggestOptions,
+)
 from physretarget.options.retargeting import (
     KeyPoseFiles,
     MapperFile,
@@ -181,10 +187,12 @@ CHECK = Schema(name="keyposes check", files=(CharacterFile,))
 SHEET = Schema(name="keyposes sheet", files=(CharacterFile,), here=(SheetFile,))
 SUGGEST = Schema(name="keyposes suggest", files=(CharacterFile,), here=(SuggestOptions,))
 PROPOSE = Schema(name="keyposes propose", files=(CharacterFile,), here=(ProposeOptions,))
+PLANT = Schema(name="keyposes plant", files=(CharacterFile,), here=(PlantOptions,))
+STUDIO = Schema(name="studio", files=(CharacterFile,), here=(StudioOptions,))
 
 JOBS = {each.name: each for each in (VALIDATE, RETARGET)}
 """What the service and the suite do, by the name of the kind."""
 SCHEMAS = (
     VALIDATE, LEARN, RETARGET, FORCES, INSPECT, STREAM, CONVERT, REPLAY, LIBRARY, MATCH, REDUCE,
-    CHECK, SHEET, SUGGEST, PROPOSE, SIMULATE,
+    CHECK, SHEET, SUGGEST, PROPOSE, PLANT, STUDIO, SIMULATE,
 )  # fmt: skip

@@ -1,0 +1,79 @@
+"""What a pose being dragged is told at once: floor, limits, self-contact, balance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from physretarget.ground.undersides import Undersides, undersides
+from physretarget.ground.wrench import centre_of_mass
+from physretarget.keyposes import KeyPose, KeyPoseSet, check
+from physretarget.kinematics import forward
+from physretarget.mjcf import Character
+from physretarget.validation.selfcollision import SelfCollision
+
+__all__ = ["Live", "live"]
+
+# What is this near to the floor supports, m: the check's tolerance for planted points.
+_SUPPORTS = 0.003
+# Directions in which the edge of the support is looked for: 5 degrees apart.
+_DIRECTIONS = 72
+# Parts may press into each other this far, m, as soft covers do: what KIN005 warns of.
+_PRESSES = 0.005
+
+
+@dataclass(frozen=True, kw_only=True)
+class Live:
+    """Remarks on a pose.
+
+    Attributes:
+        errors: why it could not be learned from, one sentence each.
+        touching: bodies that are in each other.
+        margin_m: from the centre of mass, seen from above, to the nearest edge of what stands on
+            the floor; below 0 the pose would tip if it were held. None where nothing stands.
+        com: (3,) the centre of mass, m.
+    """
+
+    errors: tuple[str, ...]
+    touching: tuple[int, ...]
+    margin_m: float | None
+    com: tuple[float, float, float]
+
+
+def live(character: Character, pose: KeyPose) -> Live:
+    """Remarks on one key pose as it is being changed."""
+    alone = KeyPoseSet(
+        character_name=character.name, character_sha256=character.sha256, license="", poses=(pose,)
+    )
+    errors = [remark.message for remark in check(alone, character) if remark.severity == "error"]
+    prepared = _prepared(character)
+    found = prepared.collision.judge(pose.qpos[None])
+    touching: tuple[int, ...] = ()
+    if found and float(found["self_penetration"][0]) > _PRESSES:
+        touching = tuple(int(body) for body in found["self_pair"][0])
+    at = forward(character.tree, pose.qpos[None])
+    com = centre_of_mass(character, at)[0]
+    place = prepared.under.lowest(at)[0]
+    low = place[:, 2] <= character.floor_height + _SUPPORTS
+    margin = None
+    if low.any():
+        angle = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
+        way = np.stack([np.cos(angle), np.sin(angle)])
+        margin = float(((place[low, :2] @ way).max(axis=0) - com[:2] @ way).min())
+    return Live(
+        errors=tuple(errors), touching=touching, margin_m=margin,
+        com=(float(com[0]), float(com[1]), float(com[2])),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Prepared:
+    collision: SelfCollision
+    under: Undersides
+
+
+@lru_cache(maxsize=4)
+def _prepared(character: Character) -> _Prepared:
+    return _Prepared(SelfCollision.build(character), undersides(character))

@@ -1,0 +1,344 @@
+"""One key pose file being worked on: every change is saved at once, and can be taken back.
+
+The file is the truth. It is read again before each change, so that hand edits and another tab's
+changes are picked up; a change that was made on an older state is refused, not merged. A file that
+cannot be read is never written over.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from threading import RLock
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physretarget.capture.actor import CONTACT_POINTS, ActorMotion, ActorShape
+from physretarget.errors import InputError, UsageError
+from physretarget.keyposes import (
+    KeyPose,
+    KeyPoseSet,
+    load,
+    propose,
+    save,
+    settled,
+    without_heading,
+)
+from physretarget.keyposes.candidates import start_name
+from physretarget.keyposes.mirror import mirrored
+from physretarget.keyposes.propose import planted_points
+from physretarget.kinematics import difference, integrate
+from physretarget.mjcf import Character
+
+Array = NDArray[np.float64]
+
+LICENSE = "unknown: write here under which terms the captures may be used"
+MOST_POSES, MOST_CHARACTERS = 2000, 2000
+
+
+class Conflict(InputError):
+    """The state was changed elsewhere, by another tab or by hand: look at the new one first."""
+
+
+@dataclass(frozen=True, eq=False)
+class Take:
+    """A capture on the timeline: the motion, and (T, 75) what the reference actor does."""
+
+    motion: ActorMotion
+    qpos: Array
+
+    @classmethod
+    def of(cls, motion: ActorMotion) -> Take:
+        """Carry a capture onto the reference actor."""
+        return cls(motion, motion.on(ActorShape.reference()).qpos)
+
+    @property
+    def name(self) -> str:
+        """Of its file."""
+        return self.motion.source.name
+
+    def frame(self, time: float) -> int:
+        """The frame nearest to a time (s)."""
+        return int(np.argmin(np.abs(self.motion.time - time)))
+
+    def actor(self, time: float) -> Array:
+        """(75,) pose of the reference actor, without heading.
+
+        Raises:
+            InputError: the actor was not seen then.
+        """
+        frame = self.frame(time)
+        if not self.motion.valid[frame]:
+            raise InputError(f"the actor cannot be seen at {time:.2f} s", path=self.name)
+        return without_heading(self.qpos[frame])
+
+
+@dataclass(frozen=True)
+class _Step:
+    """A state and what led to it."""
+
+    keyposes: KeyPoseSet
+    what: str
+
+
+class Session:
+    """Key poses of one character, in one file.
+
+    Attributes:
+        character: whose key poses they are.
+        path: of the file; it need not exist yet.
+        takes: the captures.
+    """
+
+    def __init__(self, character: Character, path: Path, takes: Sequence[Take] = ()) -> None:
+        """Open a key pose file, or begin one.
+
+        Raises:
+            InputError: the file is there and cannot be used.
+        """
+        if not character.has_root:
+            raise InputError(
+                f"{character.name!r} has no free joint, so it cannot be posed in space",
+                path=character.path,
+            )
+        self.character, self.path, self.takes = character, path, tuple(takes)
+        self._lock = RLock()
+        self._digest = ""
+        self._done: list[_Step] = []
+        self._undone: list[_Step] = []
+        self._revision = 0
+        content = self._content()
+        first = self._read() if content is not None else self._blank()
+        self._digest = _digest(content)
+        self._done.append(_Step(first, "opened"))
+
+    def _blank(self) -> KeyPoseSet:
+        return KeyPoseSet(
+            character_name=self.character.name, character_sha256=self.character.sha256,
+            license=LICENSE, poses=(),
+        )  # fmt: skip
+
+    # ---- state ---------------------------------------------------------------------------------
+
+    @property
+    def keyposes(self) -> KeyPoseSet:
+        """What the file holds; hand edits are picked up.
+
+        Raises:
+            InputError: somebody made the file unreadable.
+        """
+        with self._lock:
+            self._refresh()
+            return self._done[-1].keyposes
+
+    @property
+    def revision(self) -> int:
+        """Grows with every change, undo and redo."""
+        return self._revision
+
+    @property
+    def undoable(self) -> str | None:
+        """What undo would take back."""
+        return self._done[-1].what if len(self._done) > 1 else None
+
+    @property
+    def redoable(self) -> str | None:
+        """What redo would do again."""
+        return self._undone[-1].what if self._undone else None
+
+    def find(self, name: str) -> KeyPose:
+        """A key pose by name.
+
+        Raises:
+            InputError: there is none.
+        """
+        for pose in self.keyposes.poses:
+            if pose.name == name:
+                return pose
+        raise InputError(f"there is no key pose {name!r}", path=self.path)
+
+    # ---- changes -------------------------------------------------------------------------------
+
+    def add(
+        self, take: int, time: float, revision: int, *, qpos: Array | None = None, note: str = ""
+    ) -> str:
+        """Begin a key pose of a frame: the proposed pose put down, or ``qpos``. Its name."""
+        if not 0 <= take < len(self.takes):
+            raise UsageError(f"there is no capture {take}; there are {len(self.takes)}.")
+        own = self.takes[take]
+        actor = own.actor(time)
+        planted = planted_points(actor)
+        start = propose(self.character, actor) if qpos is None else qpos
+        exact = float(own.motion.time[own.frame(time)])
+        pose = KeyPose(
+            name=start_name(own.motion, own.frame(time)), source=own.name,
+            sha256=own.motion.source.sha256, time=exact, actor_qpos=actor,
+            qpos=self.canonical(settled(self.character, start, planted=planted)),
+            planted=planted, note=note,
+        )  # fmt: skip
+
+        def grow(old: KeyPoseSet) -> KeyPoseSet:
+            taken = {each.name for each in old.poses}
+            fresh = replace(pose, name=_free(pose.name, taken))
+            return replace(old, poses=(*old.poses, fresh))
+
+        return self._change(f"pose {pose.name}", revision, grow).poses[-1].name
+
+    def put(
+        self, name: str, qpos: Array, revision: int, *, planted: Sequence[str] | None = None,
+        note: str | None = None, what: str = "pose",
+    ) -> None:  # fmt: skip
+        """Give a key pose the character's pose ``qpos`` (nq,), as a gesture left it."""
+        if qpos.shape != (self.character.tree.nq,) or not np.isfinite(qpos).all():
+            raise UsageError(f"a pose has {self.character.tree.nq} finite numbers.")
+        unknown = set(planted or ()) - set(CONTACT_POINTS)
+        if unknown:
+            raise UsageError(
+                f"planted is {', '.join(sorted(unknown))}; it can be {', '.join(CONTACT_POINTS)}."
+            )
+        qpos = self.canonical(np.clip(qpos, self.character.lower, self.character.upper))
+
+        def altered(pose: KeyPose) -> KeyPose:
+            return replace(
+                pose, qpos=qpos, planted=pose.planted if planted is None else tuple(planted),
+                note=pose.note if note is None else note[:MOST_CHARACTERS],
+            )  # fmt: skip
+
+        self._change_one(name, f"{what} {name}", revision, altered)
+
+    def rename(self, name: str, new: str, revision: int) -> None:
+        """Call a key pose something else."""
+        self._ready(revision)
+        new = " ".join(new.split())[:200]
+        if not new or any(pose.name == new for pose in self.keyposes.poses):
+            raise UsageError(f"a key pose cannot be named {new!r}: it must be new, and not empty.")
+        self._change_one(name, f"rename {name}", revision, lambda pose: replace(pose, name=new))
+
+    def delete(self, name: str, revision: int) -> None:
+        """Take a key pose away."""
+        self._ready(revision)
+        self.find(name)
+        self._change(
+            f"delete {name}", revision,
+            lambda old: replace(old, poses=tuple(p for p in old.poses if p.name != name)),
+        )  # fmt: skip
+
+    def mirror(self, name: str, revision: int) -> str:
+        """Add the key pose's mirror image. Its name."""
+        self._ready(revision)
+        pose = self.find(name)
+        new = _free(f"{name}-mirrored", {each.name for each in self.keyposes.poses})
+        made = mirrored(pose, self.character, name=new)
+        self._change(f"mirror {name}", revision, lambda old: replace(old, poses=(*old.poses, made)))
+        return new
+
+    def blend(self, name: str, other: str, share: float, revision: int) -> None:
+        """Move a key pose's character towards another's: 0 leaves it, 1 copies the other."""
+        if not 0.0 <= share <= 1.0:
+            raise UsageError(f"the share is {share:g}; it is between 0 and 1.")
+        self._ready(revision)
+        tree = self.character.tree
+        mine, theirs = self.find(name).qpos, self.find(other).qpos
+        way = difference(tree, mine[None], theirs[None])
+        qpos = integrate(tree, mine[None], share * way)[0]
+        planted = self.find(name).planted
+        self.put(name, settled(self.character, qpos, planted=planted), revision, what="blend")
+
+    def undo(self, revision: int) -> None:
+        """Take the last change back, without end."""
+        with self._lock:
+            self._ready(revision)
+            if len(self._done) < 2:
+                raise UsageError("there is nothing to undo.")
+            self._write(self._done[-2].keyposes)
+            self._undone.append(self._done.pop())
+
+    def redo(self, revision: int) -> None:
+        """Do again what was taken back last."""
+        with self._lock:
+            self._ready(revision)
+            if not self._undone:
+                raise UsageError("there is nothing to do again.")
+            self._write(self._undone[-1].keyposes)
+            self._done.append(self._undone.pop())
+
+    def canonical(self, qpos: Array) -> Array:
+        """The pose over the origin with heading zero, as key poses are kept."""
+        return without_heading(qpos, front=self.character.front, up=self.character.up)
+
+    # ---- the file ------------------------------------------------------------------------------
+
+    def _change_one(
+        self, name: str, what: str, revision: int, alter: Callable[[KeyPose], KeyPose]
+    ) -> None:
+        self._ready(revision)
+        self.find(name)
+        self._change(
+            what, revision,
+            lambda old: replace(
+                old, poses=tuple(alter(p) if p.name == name else p for p in old.poses)
+            ),
+        )  # fmt: skip
+
+    def _change(
+        self, what: str, revision: int, alter: Callable[[KeyPoseSet], KeyPoseSet]
+    ) -> KeyPoseSet:
+        with self._lock:
+            self._ready(revision)
+            new = alter(self._done[-1].keyposes)
+            if len(new) > MOST_POSES:
+                raise UsageError(f"a file holds at most {MOST_POSES} key poses.")
+            self._write(new)
+            self._done.append(_Step(new, what))
+            self._undone.clear()
+            return new
+
+    def _ready(self, revision: int) -> None:
+        with self._lock:
+            self._refresh()
+        if revision != self._revision:
+            raise Conflict("was changed meanwhile: look at it again", path=self.path)
+
+    def _refresh(self) -> None:
+        content = self._content()
+        if _digest(content) == self._digest:
+            return
+        # A file that was taken away is a file that somebody wants gone: its state can be undone.
+        new = self._read() if content is not None else self._blank()
+        self._digest = _digest(content)
+        self._done.append(_Step(new, "changes by hand"))
+        self._undone.clear()
+        self._revision += 1
+
+    def _write(self, keyposes: KeyPoseSet) -> None:
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        save(keyposes, self.path, self.character)
+        self._digest = _digest(self._content())
+        self._revision += 1
+
+    def _read(self) -> KeyPoseSet:
+        return load(self.path, self.character)
+
+    def _content(self) -> bytes | None:
+        try:
+            return self.path.read_bytes()
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            raise InputError(f"cannot be read: {error.strerror}", path=self.path) from error
+
+
+def _digest(content: bytes | None) -> str:
+    return "" if content is None else hashlib.sha256(content).hexdigest()
+
+
+def _free(name: str, taken: set[str]) -> str:
+    """The name, or with the first number behind it that is free."""
+    number, found = 1, name
+    while found in taken:
+        number += 1
+        found = f"{name}-{number}"
+    return found

@@ -1,0 +1,146 @@
+"""The page in Chromium: drag with the feet planted, undo, mirror, suggestion, reopen."""
+
+from __future__ import annotations
+
+import shutil
+import threading
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from physretarget.kinematics import forward, points
+from physretarget.studio import Session
+from physretarget.studio.serve import serve
+
+sync_api = pytest.importorskip("playwright.sync_api")
+_ARGUMENTS = (
+    "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+    "--disable-background-networking", "--no-first-run",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[object]:
+    found = shutil.which("chromium") or shutil.which("chromium-browser")
+    if found is None:
+        pytest.skip("no chromium on this machine")
+    with sync_api.sync_playwright() as run:
+        made = run.chromium.launch(executable_path=found, args=list(_ARGUMENTS))
+        yield made
+        made.close()
+
+
+@pytest.fixture
+def address(session: Session) -> str:
+    """A studio of the session in a thread of its own, which ends with the tests."""
+    for when in (0.1, 0.5):
+        session.add(0, when, session.revision)
+    there, told = threading.Event(), []
+
+    def ready(url: str) -> None:
+        told.append(url)
+        there.set()
+
+    threading.Thread(
+        target=serve, args=(session,), kwargs={"host": "127.0.0.1", "port": 0, "ready": ready},
+        daemon=True,
+    ).start()  # fmt: skip
+    assert there.wait(20)
+    return str(told[0])
+
+
+def opened(
+    browser: object, address: str, size: tuple[int, int] = (1280, 760)
+) -> tuple[object, list[str]]:
+    page = browser.new_page(viewport={"width": size[0], "height": size[1]})  # type: ignore[attr-defined]
+    page.set_default_timeout(60_000)
+    told: list[str] = []
+    page.on("pageerror", lambda error: told.append(str(error)))
+    page.on("console", lambda m: told.append(m.text) if m.type == "error" else None)
+    page.goto(address)
+    page.wait_for_selector("html[data-ready]")
+    return page, told
+
+
+def text(page: object, name: str, wanted: str, *, part: bool = False) -> None:
+    """Wait until an element says so."""
+    place = sync_api.expect(page.locator(f"#{name}"))  # type: ignore[attr-defined]
+    (place.to_contain_text if part else place.to_have_text)(wanted, timeout=60_000)
+
+
+def handle(page: object) -> tuple[float, float]:
+    """A place on the page where a handle can be taken."""
+    box = page.locator("#character canvas").bounding_box()  # type: ignore[attr-defined]
+    for down in np.arange(0.3, 0.6, 0.02):
+        for along in np.arange(0.25, 0.75, 0.02):
+            x, y = box["x"] + along * box["width"], box["y"] + down * box["height"]
+            page.mouse.move(x, y)  # type: ignore[attr-defined]
+            style = "document.querySelector('#character canvas').style.cursor"
+            if page.evaluate(style) == "grab":  # type: ignore[attr-defined]
+                return float(x), float(y)
+    raise AssertionError("no handle is to be found")
+
+
+def test_a_pose_is_dragged_undone_mirrored_and_kept(
+    session: Session, address: str, browser: object
+) -> None:
+    page, told = opened(browser, address)
+    before = session.keyposes.poses[0]
+    x, y = handle(page)
+    page.mouse.move(x, y)
+    page.mouse.down()
+    for step in range(12):
+        page.mouse.move(x - 3 * step, y - 2 * step)
+    page.mouse.up()
+    text(page, "undo", "Undo: pose", part=True)
+    text(page, "saved", "saved")
+    after = session.keyposes.poses[0]
+    assert np.abs(after.qpos - before.qpos).max() > 0.01
+    character, contacts = session.character, session.character.contacts
+    at = forward(character.tree, after.qpos[None])
+    height = points(at, contacts.body, contacts.local)[0, :, 2]
+    down = [tie in after.planted for tie in character.tied]
+    assert np.abs(height[down] - character.floor_height).max() < 3e-3
+
+    page.click("#mirror")
+    text(page, "count", "(3)")
+    page.click("#undo")
+    text(page, "count", "(2)")
+    page.keyboard.press("Control+z")
+    text(page, "redo", "Redo: pose", part=True)
+    np.testing.assert_allclose(session.keyposes.poses[0].qpos, before.qpos, atol=1e-4)
+
+    page.locator("#queue button").first.click()
+    text(page, "count", "(3)")
+    text(page, "saved", "saved")
+    again, _ = opened(browser, address)
+    assert again.locator("#poses button").count() == 3
+    assert told == []
+
+
+@pytest.mark.parametrize("size", [(1280, 760), (1024, 640), (390, 844)])
+def test_it_fits_the_screen(address: str, browser: object, size: tuple[int, int]) -> None:
+    page, told = opened(browser, address, size)
+    wide = page.evaluate("document.documentElement.scrollWidth")
+    assert wide <= size[0]
+    assert page.evaluate("document.querySelector('#character canvas').clientHeight") > 150
+    assert told == []
+
+
+def test_the_whole_take_plays_with_its_verdict(address: str, browser: object) -> None:
+    page, told = opened(browser, address)
+    page.select_option("#until", "balanced")
+    text(page, "verdict", "plausible", part=True)
+    page.focus("#timeline")
+    page.keyboard.press("PageDown")
+    text(page, "clock", "1.10 of", part=True)
+    assert told == []
+
+
+def test_a_studio_that_is_gone_is_named(session: Session, address: str, browser: object) -> None:
+    page, _ = opened(browser, address)
+    page.route("**/api/**", lambda route: route.abort())
+    page.click("#mirror")
+    text(page, "saved", "does not answer", part=True)
+    assert len(session.keyposes) == 2
