@@ -301,7 +301,9 @@ def _physical(
             clip.active,
             pose_error=pose_error,
             pose_variance=run.mapped.variance,
-            settings=ocp.RootHeightSettings.preset(run.settings.physics),
+            settings=replace(
+                ocp.RootHeightSettings.preset(run.settings.physics), solver=run.settings.solver
+            ),
         )
 
     physical = optimised(contacted)

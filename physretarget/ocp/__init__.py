@@ -2,8 +2,8 @@
 
 ``scene`` gathers what one pass of inverse dynamics knows, ``basis`` spans the displacement,
 ``contact_model`` and ``problem`` state the residuals in CasADi, ``gauss_newton`` solves them in
-time linear in the clip, ``bound`` says how well anything could do, ``optimise`` is the stage.
-Yamane 2010, section 5.3.
+time linear in the clip, ``ipopt`` is a second opinion, ``bound`` says how well anything could do,
+``optimise`` is the stage. Yamane 2010, section 5.3.
 """
 
 from __future__ import annotations

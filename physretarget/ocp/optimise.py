@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from physretarget.errors import InputError
 from physretarget.mjcf import Character
 from physretarget.mjcf.dynamics import derivatives, required_wrench
+from physretarget.ocp import gauss_newton, ipopt
 from physretarget.ocp.basis import Basis, gaussian_basis
 from physretarget.ocp.bound import cone_programme, vertical_bound
-from physretarget.ocp.gauss_newton import solve
 from physretarget.ocp.problem import Problem, Scene, build
 from physretarget.ocp.scene import scene_of
 from physretarget.ocp.settings import RootHeightSettings
@@ -139,7 +139,7 @@ def optimise(
 
 
 def _penalty(scene: Scene, basis: Basis, problem: Problem, settings: RootHeightSettings) -> _Answer:
-    """Gauss-Newton with the residual force f0 continued from soft to hard.
+    """The chosen solver with the residual force f0 continued from soft to hard.
 
     The kink of the contact is four orders sharper than the motion: solved cold, the search ends
     in a poor local minimum.
@@ -147,15 +147,19 @@ def _penalty(scene: Scene, basis: Basis, problem: Problem, settings: RootHeightS
     still = (np.zeros(scene.frames),) * 3
     weights, iterations, converged = np.zeros(basis.count), 0, False
     for factor in settings.continuation:
-        outcome = solve(
-            problem,
-            basis,
-            weights,
-            f0=factor * problem.model.residual,
-            ridge=settings.weights,
-            iterations=settings.iterations,
-            tolerance=settings.tolerance,
-        )
+        f0 = factor * problem.model.residual
+        if settings.solver == "ipopt":
+            outcome = ipopt.solve(problem, basis, weights, f0=f0, ridge=settings.weights)
+        else:
+            outcome = gauss_newton.solve(
+                problem,
+                basis,
+                weights,
+                f0=f0,
+                ridge=settings.weights,
+                iterations=settings.iterations,
+                tolerance=settings.tolerance,
+            )
         weights, converged = outcome.weights, outcome.converged
         iterations += outcome.iterations
     return _Answer(

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import get_args
 
 from physretarget.errors import UsageError
-from physretarget.options.retargeting import Physics
+from physretarget.options.retargeting import Physics, Solver
 
 PRESETS: tuple[Physics, ...] = get_args(Physics)
 
@@ -57,6 +57,7 @@ class RootHeightSettings:
     sink: how deep the contact model sinks under one body weight, over the height.
     continuation: multiples of the model's f0, solved one after another.
     iterations, tolerance: of Gauss-Newton in each of those, relative decrease.
+    solver: ``banded`` (Gauss-Newton) or ``ipopt``, which has limits of its own.
     """
 
     name: Physics = "default"
@@ -78,6 +79,7 @@ class RootHeightSettings:
     continuation: tuple[float, ...] = (30.0, 10.0, 3.0, 1.0)
     iterations: int = 30
     tolerance: float = 1e-3
+    solver: Solver = "banded"
 
     @classmethod
     def preset(cls, name: str) -> RootHeightSettings:

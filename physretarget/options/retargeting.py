@@ -12,6 +12,7 @@ from physretarget.options.declaration import check, option
 MapperName = Literal["sgplvm", "gp", "ridge", "pca", "nn3", "nn10"]
 Stage = Literal["mapped", "placed", "contacted", "physical", "balanced"]
 Physics = Literal["default", "paper", "convex"]
+Solver = Literal["banded", "ipopt"]
 Heading = Literal["actor", "momentum"]
 Tail = Literal["mapped", "passive"]
 MAPPERS: tuple[MapperName, ...] = get_args(MapperName)
@@ -70,6 +71,12 @@ class RetargetSettings:
     physics: Physics = option(
         "default", help="How stage physical finds the root's height; paper: as Yamane 2010 does."
     )
+    solver: Solver = option(
+        "banded",
+        help="What solves the root's height: linear in the clip's length, or IPOPT, slower, as a "
+        "second opinion.",
+        advanced=True,
+    )
     heading: Heading = option(
         "actor",
         help="What the character's facing follows: the actor's, or angular momentum (the paper).",
@@ -108,6 +115,11 @@ class RetargetSettings:
         check(self)
         if self.tail == "passive" and self.until in ("mapped", "placed"):
             raise UsageError(f"a passive tail needs the contact stage; until is {self.until!r}.")
+        if self.solver == "ipopt" and self.physics == "convex":
+            raise UsageError(
+                "physics is 'convex', a cone programme with a solver of its own; "
+                "solver 'ipopt' is for default and paper."
+            )
         if not 1 <= self.max_fps <= 1000:
             raise UsageError(f"max_fps is {self.max_fps:g}; it must be a number from 1 to 1000.")
 

@@ -162,6 +162,7 @@ def test_unusable_key_poses(refused, tmp_path, good) -> None:
         ("--until", "never", r"--until is 'never'.*mapped, placed"),
         ("--physics", "never", r"--physics is 'never'.*default, paper"),
         ("--heading", "never", "--heading is 'never'"),
+        ("--solver", "never", "--solver is 'never'.*banded, ipopt"),
         ("--fps", "0", "--fps is 0; it must be a number from 1 to 1000 fps"),
         ("--fps", "-3", "--fps is -3"),
         ("--fps", "nan", "--fps is nan"),
@@ -181,6 +182,11 @@ def test_option_values(refused, tmp_path, good, option: str, value: str, says: s
     given = {"--mapper": "pca", "--until": "contacted", "--out": str(tmp_path / "o.npz")}
     given[option] = value
     refused("retarget", good, *LAMP, *(x for pair in given.items() for x in pair), says=says)
+
+
+def test_a_solver_that_is_for_another_problem(refused, tmp_path, good) -> None:
+    refused("retarget", good, *LAMP, "--mapper", "pca", "--physics", "convex", "--solver", "ipopt",
+            "--out", tmp_path / "o.npz", says="'convex', a cone programme")  # fmt: skip
 
 
 def test_a_mapper_of_another_character(run: Run, refused, tmp_path, good) -> None:
