@@ -13,12 +13,13 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from physretarget import contact, ik, momentum, ocp, passive
+from physretarget import contact, dials, ik, momentum, ocp, passive
 from physretarget._version import __version__
 from physretarget.acting import Acting, measure_acting, over_budget
 from physretarget.capture.actor import ActorMotion, ActorShape
@@ -151,6 +152,12 @@ class _Run:
     def reaches(self, stage: Stage) -> bool:
         return STAGES.index(self.settings.until) >= STAGES.index(stage)
 
+    @cached_property
+    def kept(self) -> NDArray[np.bool_] | None:
+        """(T,) frames that the last two stages leave alone."""
+        ranges = self.settings.keep
+        return dials.spans(self.motion.time, ranges) if ranges else None
+
     @property
     def swinging(self) -> bool:
         return self.settings.tail == "passive"
@@ -187,14 +194,17 @@ def retarget(
     character = mapper.character
 
     watch.start("prepare")
-    motion, notes = _prepare(motion, settings)
+    motion, notes = _prepare(dials.excerpt(motion, settings.start, settings.end), settings)
     actor = actor_character(motion.shape)
-    motion = _filtered(motion, actor, settings)
+    phases = None if phases is None else _shifted(phases, settings.start).at(motion.time)
+    motion, phases, hasty = _filtered(motion, actor, phases, character, settings)
+    notes += hasty
     reference = motion.on(ActorShape.reference())
 
     watch.start("map")
     y = features(mapper.actor, reference.qpos)
     mapped = mapper.mapper.predict(y)
+    mapped = replace(mapped, mean=dials.exaggerated(mapped.mean, settings.exaggerate))
     unlike = novelty(y, mapper.y, mapper.names, fps=motion.fps)
     notes += () if unlike.warning is None else (unlike.warning,)
 
@@ -202,9 +212,7 @@ def retarget(
     pose = ik.follow(character, mapped.mean, motion.fps, start=mapper.nearest_pose(y))
 
     run = _Run(character, mapper.actor, motion, reference, mapped, settings, watch)
-    if phases is not None:
-        phases = phases.at(motion.time)
-    elif run.reaches("contacted"):
+    if phases is None and run.reaches("contacted"):
         phases = contact.detect_phases(motion)
     pose, placed, contacted, told = _on_the_floor(run, pose, phases)
     contacted, physical = _physical(run, contacted)
@@ -216,7 +224,7 @@ def retarget(
 
     clips = _clips(pose, placed, contacted, physical, balanced)
     acting = measure_acting(character, {str(k): q for k, q in clips.items()}, motion.time)
-    notes += over_budget(acting)
+    notes += over_budget(acting) + dials.too_high(acting[-1].hop, settings.max_hop)
     final = balanced or physical or contacted or placed or pose
     return Retargeted(
         character=character,
@@ -301,6 +309,8 @@ def _physical(
             clip.active,
             pose_error=pose_error,
             pose_variance=run.mapped.variance,
+            share=None if run.kept is None else dials.share_beside(run.kept, run.motion.time),
+            strength=run.settings.strength.get("physical", 1.0),
             settings=replace(
                 ocp.RootHeightSettings.preset(run.settings.physics), solver=run.settings.solver
             ),
@@ -325,7 +335,14 @@ def _balanced(
     if contacted is None or physical is None or not run.reaches("balanced"):
         return None
     run.watch.start("balance")
-    balanced = balance(run.character, contacted.qpos, run.motion.time, contacted.active)
+    balanced = balance(
+        run.character,
+        contacted.qpos,
+        run.motion.time,
+        contacted.active,
+        keep=run.kept,
+        strength=run.settings.strength.get("balanced", 1.0),
+    )
     if run.swinging:
         swung = run.swing(balanced.qpos)
         limb = passive.with_limb(run.character, balanced.qpos, swung.qpos)
@@ -393,10 +410,33 @@ def _enough(frames: int, of_what: str, motion: ActorMotion) -> None:
         )
 
 
-def _filtered(motion: ActorMotion, actor: Character, settings: RetargetSettings) -> ActorMotion:
-    if settings.lowpass_hz is None:
-        return motion
-    return replace(motion, qpos=lowpass(actor, motion.qpos, motion.fps, settings.lowpass_hz))
+def _filtered(
+    motion: ActorMotion,
+    actor: Character,
+    phases: contact.Phases | None,
+    character: Character,
+    settings: RetargetSettings,
+) -> tuple[ActorMotion, contact.Phases | None, tuple[str, ...]]:
+    """Low-pass filtered, flights not too long; phases only where they are known already."""
+
+    def smooth(rough: ActorMotion) -> ActorMotion:
+        if settings.lowpass_hz is None:
+            return rough
+        return replace(rough, qpos=lowpass(actor, rough.qpos, rough.fps, settings.lowpass_hz))
+
+    filtered = smooth(motion)
+    if settings.max_hop is None:
+        return filtered, phases, ()
+    phases = phases or contact.detect_phases(filtered)
+    highest = settings.max_hop * character.height
+    # The rough motion is played faster: what is between its frames is filtered afterwards.
+    played, phases, notes = dials.lower_hops(motion, phases, highest)
+    return smooth(played), phases, notes
+
+
+def _shifted(phases: contact.Phases, start: float | None) -> contact.Phases:
+    """Phases of the capture on the clock of a clip that begins later."""
+    return phases if start is None else replace(phases, time=phases.time - start)
 
 
 def _longest_run(valid: NDArray[np.bool_]) -> tuple[int, int]:

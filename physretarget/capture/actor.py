@@ -242,7 +242,12 @@ class ActorMotion:
             return self
         count = int(np.floor((len(self.time) - 1) * fps / self.fps + 1e-6)) + 1
         time = np.arange(count) / fps
-        at = np.clip(time * self.fps, 0, len(self.time) - 1)
+        return replace(self.played(time), time=time, fps=fps)
+
+    def played(self, clock: Floats) -> ActorMotion:
+        """The motion as it is at the times ``clock`` (N,) s, which become its frames."""
+        count, time = len(clock), np.arange(len(clock)) / self.fps
+        at = np.clip(clock * self.fps, 0, len(self.time) - 1)
         before = np.minimum(at.astype(np.int64), len(self.time) - 2)
         share = at - before
         start, end = self.qpos[before], self.qpos[before + 1]
@@ -254,7 +259,7 @@ class ActorMotion:
             self.valid[before + 1] | (share < 1e-6)
         )
         moved = np.concatenate([place, turns.reshape(count, 72)], axis=1)
-        return replace(self, time=time, qpos=moved, fps=fps, valid=valid)
+        return replace(self, time=time, qpos=moved, valid=valid)
 
 
 def _reference(height: float, mass: float) -> ActorShape:

@@ -49,8 +49,11 @@ class Basis:
         )
 
 
-def gaussian_basis(time: Array, interval: float) -> Basis:
-    """Bumps at every ``interval`` seconds (at least a frame's length), σ twice that."""
+def gaussian_basis(time: Array, interval: float, share: Array | None = None) -> Basis:
+    """Bumps at every ``interval`` seconds (at least a frame's length), σ twice that.
+
+    ``share`` (T,): by which the displacement of each frame is multiplied; 1 if None.
+    """
     frames = time.size
     step = float(time[-1] - time[0]) / max(frames - 1, 1) if frames > 1 else 1.0
     interval = max(interval, step)
@@ -67,6 +70,8 @@ def gaussian_basis(time: Array, interval: float) -> Basis:
     value = Sparse(
         (np.exp(-(distance[inside] ** 2)), (rows[inside], columns[inside])), (frames, count)
     )
+    if share is not None:
+        value = Sparse(sparse.diags_array(share) @ value)
     first_difference, second_difference = differences(frames, step)
     return _windows(value, first_difference @ value, second_difference @ value)
 

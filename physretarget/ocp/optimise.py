@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time as clock
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,10 +89,14 @@ def optimise(
     pose_error: Array | None = None,
     pose_variance: Array | None = None,
     settings: RootHeightSettings | None = None,
+    share: Array | None = None,
+    strength: float = 1.0,
 ) -> RootHeight:
     """Raise and lower the root of a clip qpos (T, nq) until floor and gravity agree with it.
 
     ``active`` (T, P): contact points meant to touch; frames without any are flight.
+    ``share`` (T,): how far each frame may move, 0 for one that stays; all alike if None.
+    ``strength``: how much of the displacement that is found is made.
     ``pose_error`` (T, 3K) and ``pose_variance`` (T,): the mapper's opinion of the features.
     Raises InputError for a character without free root or contact points, or fewer than four
     frames; SolverError where a convex programme fails.
@@ -102,10 +106,12 @@ def optimise(
     if len(qpos) < 4:
         raise InputError(f"root-height optimisation needs at least four frames, not {len(qpos)}")
     scene = scene_of(character, qpos, time, active, pose_error, pose_variance)
-    basis = gaussian_basis(time, settings.interval)
+    basis = gaussian_basis(time, settings.interval, share)
     problem = build(scene, settings)
     by = _convex if settings.name == "convex" else _penalty
     answer = by(scene, basis, problem, settings)
+    if strength != 1.0:
+        answer = _partly(answer, strength, basis, None if by is _convex else problem)
     displacement, _, acceleration = basis.motion(answer.weights)
     touching = answer.contact[:, 2] > TOUCH * scene.weight
     bound = vertical_bound(scene, basis, touching, displacement, settings.limit * scene.size)
@@ -178,6 +184,16 @@ def _convex(scene: Scene, basis: Basis, problem: Problem, settings: RootHeightSe
     before[:, 2] = np.where(scene.flight, 0.0, np.maximum(scene.force[:, 2], 0.0))
     status = "converged" if found.status == "Solved" else "almost converged"
     return _Answer(found.weights, found.force, before, status, found.iterations)
+
+
+def _partly(answer: _Answer, strength: float, basis: Basis, problem: Problem | None) -> _Answer:
+    """A share of the displacement with its floor: the model's, or between two sets in cones."""
+    weights = strength * answer.weights
+    if problem is None:
+        contact = answer.contact_before + strength * (answer.contact - answer.contact_before)
+    else:
+        contact = problem.contact_wrench(basis.motion(weights))[0]
+    return replace(answer, weights=weights, contact=contact)
 
 
 def _unsupported(required: Array, flight: NDArray[np.bool_]) -> Array:

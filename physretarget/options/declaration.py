@@ -52,6 +52,8 @@ class Option:
         or_file: a text may also be a file with this ending (where files can be given).
         least, most, above: bounds of a number, ``above`` is not allowed itself.
         zero_for_none: 0 switches it off.
+        keys: those that a table may have; any where there are none.
+        span: a text is two times in s with a colon in between.
         word: of a flag that is written as a word, as in ``--also literature``.
         default_text: in words, what is taken where the default is None.
         aliases: names that are accepted besides.
@@ -75,6 +77,8 @@ class Option:
     most: float | None = None
     above: float | None = None
     zero_for_none: bool = False
+    keys: tuple[str, ...] = ()
+    span: bool = False
     word: str = ""
     default_text: str = ""
     aliases: tuple[str, ...] = ()
@@ -115,8 +119,12 @@ class Option:
                 return f"one of {words}, or a file that ends in {self.or_file}"
             return f"one of {words}" if len(self.choices) > 1 else words
         if self.kind == "table":
+            if self.keys:
+                return f"NAME=number {self.range}, NAME one of {', '.join(self.keys)}"
             last = " or ".join(self.choices) if self.choices else "number"
             return f"CODE{'.NAME' if self.depth == 2 else ''}={last}"
+        if self.span:
+            return "two times in seconds, the earlier one first, as in 2.0:3.5"
         bounds = self.range
         if bounds and not bounds.startswith(("above", "at most")):
             bounds = f"of {bounds}" if "or more" in bounds else f"from {bounds}"
@@ -188,6 +196,8 @@ class Option:
             one = {"anyOf": [one, {"type": "string", "description": "Metres per unit."}]}
         for _ in range(self.depth):
             one = {"type": "object", "additionalProperties": one}
+        if self.keys:
+            one["propertyNames"] = {"enum": list(self.keys)}
         if self.many:
             one = {"type": "array", "items": one}
         described = {"description": f"{self.help} [{self.facts}]" if self.facts else self.help}
@@ -226,6 +236,8 @@ class Option:
             raise self._refusal(value, said)
         if self.kind in ("number", "whole"):
             self._check_bounds(good, said)
+        if self.span and not _is_span(good):
+            raise self._refusal(value, said)
         if self.choices and good not in self.choices and not self._otherwise(good):
             raise self._refusal(value, said)
         return good
@@ -270,6 +282,10 @@ class Option:
         for key, each in value.items():
             number = isinstance(each, (int, float)) and not isinstance(each, bool)
             good = each in self.choices if self.choices else number and math.isfinite(each)
+            if self.keys and key not in self.keys:
+                raise UsageError(f"{said} names {_shown(key)}; it must be {self.allowed}.")
+            if good and not self.choices:
+                self._check_bounds(each, f"{said}.{key}")
             if not good:
                 allowed = f"one of {', '.join(self.choices)}" if self.choices else "a number"
                 raise UsageError(f"{said}.{key} is {_shown(each)}; it must be {allowed}.")
@@ -282,6 +298,13 @@ class Option:
 def _is_key(key: object) -> bool:
     """Whether a table's key may be a code or a limit's name; which there are is known elsewhere."""
     return isinstance(key, str) and key.isascii() and key.isidentifier() and len(key) <= 80
+
+
+def _is_span(text: str) -> bool:
+    """Whether a text is two times, the earlier one first."""
+    times = [_number(part, float) for part in text.split(":")]
+    good = len(times) == 2 and all(isinstance(t, float) and 0 <= t < math.inf for t in times)
+    return bool(good and times[0] < times[1])
 
 
 def _short(number: float) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args
@@ -17,6 +18,8 @@ Heading = Literal["actor", "momentum"]
 Tail = Literal["mapped", "passive"]
 MAPPERS: tuple[MapperName, ...] = get_args(MapperName)
 STAGES: tuple[Stage, ...] = get_args(Stage)
+DIALLED: tuple[Stage, ...] = ("physical", "balanced")
+"""Stages whose change can be made in part: a foot that is half planted would slide."""
 LONGEST_DELAY = 5.0  # s
 
 
@@ -87,6 +90,47 @@ class RetargetSettings:
         help="Joints that the model names as passive: posed by the mapper, or left to swing.",
         advanced=True,
     )
+    start: float | None = option(
+        None,
+        help="Begin at this time of the capture.",
+        unit="s",
+        least=0,
+        default_text="its beginning",
+    )
+    end: float | None = option(
+        None, help="End at this time of the capture.", unit="s", above=0, default_text="its end"
+    )
+    exaggerate: float = option(
+        1.0,
+        help="How far poses go from the clip's mean pose: 1.5 is half as far again. Joint limits "
+        "and gravity hold all the same.",
+        least=0,
+        most=3,
+    )
+    max_hop: float | None = option(
+        None,
+        help="Let no hop rise higher than this many times the character's height: longer flights "
+        "are played faster, for time in the air decides how high a hop is.",
+        above=0,
+        most=100,
+        default_text="as high as the actor's flights last",
+    )
+    strength: Mapping[str, float] = option(
+        {},
+        help="How much of a stage's change is made, STAGE=0 to 1, as in balanced=0.5: "
+        "less keeps more of the acting, and more of what physics forbids.",
+        keys=DIALLED,
+        least=0,
+        most=1,
+        metavar="STAGE=SHARE",
+    )
+    keep: tuple[str, ...] = option(
+        (),
+        help="Seconds of the clip that stages physical and balanced leave alone; may be given "
+        "several times.",
+        span=True,
+        metavar="START:END",
+    )
     fps: float | None = option(
         None,
         name="resample",
@@ -115,6 +159,10 @@ class RetargetSettings:
         check(self)
         if self.tail == "passive" and self.until in ("mapped", "placed"):
             raise UsageError(f"a passive tail needs the contact stage; until is {self.until!r}.")
+        if self.end is not None and self.end <= (self.start or 0.0):
+            raise UsageError(
+                f"end is {self.end:g} s; it must be later than start, {self.start or 0.0:g} s."
+            )
         if self.solver == "ipopt" and self.physics == "convex":
             raise UsageError(
                 "physics is 'convex', a cone programme with a solver of its own; "

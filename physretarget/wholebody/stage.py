@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time as clock
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -72,11 +72,14 @@ def balance(
     active: Flags,
     *,
     settings: WholeBodySettings | None = None,
+    keep: Flags | None = None,
+    strength: float = 1.0,
 ) -> WholeBody:
     """Move a clip qpos (T, nq) as little as possible so that the floor can bear it.
 
     ``active`` (T, P): contact points that stand; they stay where they are. A clip that the
-    floor explains already comes back as it was.
+    floor explains already comes back as it was. ``keep`` (T,): frames that stay as they are, and
+    around which the others are moved; ``strength``: how much of the move that is found is made.
 
     Raises:
         InputError: the character has no free root, or ``active`` does not fit.
@@ -94,7 +97,11 @@ def balance(
     contacts = character.contacts
     place = kinematics.trajectories(character.tree, qpos, contacts.body, contacts.local)
     held = Held(contacts.body, contacts.local, place, stands, sunk=True)
-    moved, iterations, status = settle(character, qpos, time, held, support, before, settings)
+    moved, iterations, status = settle(character, qpos, time, held, support, before, settings, keep)
+    if strength != 1.0:
+        tree = character.tree
+        change = kinematics.difference(tree, qpos, moved)
+        moved = kinematics.integrate(tree, qpos, strength * change)
     return WholeBody(
         qpos=moved,
         active=stands,
@@ -127,13 +134,20 @@ def settle(
     support: Support,
     trouble: Array,
     settings: WholeBodySettings,
+    keep: Flags | None = None,
 ) -> tuple[Array, int, str]:
     """The clip moved near frames of more than quiet ``trouble`` (T,), iterations and status."""
+    if keep is not None:
+        trouble = np.where(keep, 0.0, trouble)
     moved, iterations, status = qpos.copy(), 0, "converged"
     for window in _windows(time, trouble, settings):
         task = _task(character, qpos, time, held, support, window, settings)
+        if keep is not None:
+            task = replace(task, fixed=task.fixed | keep[window.seen])
+            if task.fixed.all():
+                continue
         outcome = solve(task, moved[window.seen])
-        moved[window.free] = outcome.state.qpos[~task.fixed]
+        moved[window.seen][~task.fixed] = outcome.state.qpos[~task.fixed]
         iterations += outcome.iterations
         status = outcome.status if outcome.status != "converged" else status
     return _within_limits(character, qpos, moved), iterations, status

@@ -47,7 +47,11 @@ def sample(option: Option) -> Any:
     """A value that the option takes, as JSON and TOML have it, and not its default."""
     if option.kind == "table":
         last = option.choices[0] if option.choices else 0.5
+        if option.keys:
+            return {option.keys[0]: last}
         return {"DYN001": last if option.depth == 1 else {"error": last}}
+    if option.span:
+        return ["0.5:1.5"] if option.many else "0.5:1.5"
     if option.choices:
         value: Any = next(word for word in option.choices if word != option.default)
     else:
