@@ -30,7 +30,8 @@ from physretarget.keyposes import (
     training_pairs,
     without_heading,
 )
-from physretarget.keyposes.propose import face_of, planted_points
+from physretarget.keyposes.face import face_of
+from physretarget.keyposes.propose import planted_points
 from physretarget.kinematics import forward, points, rotvec_to_quat
 from physretarget.mjcf import Character
 

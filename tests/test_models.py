@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from physretarget.keyposes.propose import face_of
+from physretarget.keyposes.face import face_of
 from physretarget.kinematics import forward, points
 from physretarget.mjcf import Character
 

@@ -21,7 +21,6 @@ from physretarget.keyposes import (
     load_keyposes,
     propose,
     save,
-    settled,
     sheet,
     without_heading,
 )
@@ -155,7 +154,7 @@ def _write(
                 sha256=motion.source.sha256,
                 time=float(motion.time[frame]),
                 actor_qpos=actor,
-                qpos=_start(model, actor),
+                qpos=propose(model, actor),
                 planted=planted_points(actor),
                 note=f"Start pose, to be posed. {reason}.",
             )
@@ -174,10 +173,3 @@ def _write(
         picture.parent.mkdir(parents=True, exist_ok=True)
         sheet(made, model, picture)
         say(f"{picture}: {len(made)} pairs.")
-
-
-def _start(model: Character, actor: Array) -> Array:
-    """The proposed pose, put down on the floor."""
-    planted = planted_points(actor)
-    down = settled(model, propose(model, actor, planted=planted), planted=planted)
-    return without_heading(down, front=model.front, up=model.up)

@@ -7,26 +7,28 @@ done automatically, with the contacts.
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from physretarget.capture.actor import CONTACT_POINTS, SEGMENT
 from physretarget.errors import InputError
+from physretarget.keyposes.face import face_of
 from physretarget.keyposes.layout import layout_of
+from physretarget.keyposes.limbs import limb_targets
 from physretarget.keyposes.pairs import actor_character_of_reference
 from physretarget.keyposes.pose import without_heading
+from physretarget.keyposes.settle import settled
 from physretarget.kinematics import PointTargets, forward, points, solve
 from physretarget.mjcf import Character
 
-__all__ = ["face_of", "gaze_of_actor", "gazes", "planted_points", "propose"]
+__all__ = ["gaze_of_actor", "gazes", "planted_points", "propose"]
 
 Array = NDArray[np.float64]
 
 PLANTED_HEIGHT = 0.035  # m: contact points of the actor below this count as planted
 SIGHT = 0.5  # m ahead of the face, where the point to look at is put
-CONTACT_WEIGHT, FACE_WEIGHT, STAY_WEIGHT = 100.0, 1.0, 2e-3
+CONTACT_WEIGHT, FACE_WEIGHT, LIMB_WEIGHT, STAY_WEIGHT = 100.0, 1.0, 0.3, 2e-3
 
 
 def propose(
@@ -35,9 +37,11 @@ def propose(
     """A start pose (nq,) of the character for a pose (75,) of the reference actor.
 
     From the reference pose: the root tilted as the actor's pelvis, the face turned to where
-    the actor's head faces, what is tied to the actor's planted points brought to the floor,
-    and in the air lifted by as much as the actor's lowest contact point, in metres. Where not
-    all can be had, contacts win over the face, and the face over the root.
+    the actor's head faces, limbs that act for the actor's (see
+    :mod:`physretarget.keyposes.limbs`) turned as these, what is tied to the actor's planted points
+    brought to the floor, and in the air lifted by as much as the actor's lowest contact point, in
+    metres. Where not all can be had, contacts win over the face, the face over limbs, limbs over
+    the root. At last nothing is in the floor.
 
     Raises:
         InputError: the character has no free root.
@@ -52,8 +56,11 @@ def propose(
     tied = [i for i, point in enumerate(character.tied) if point is not None]
     if tied:
         start = _lifted(character, start, tied, 0.0 if planted else min(heights.values()))
-    posed = _solved(character, start, gaze_of_actor(actor_qpos), planted)
-    return without_heading(posed, front=character.front, up=character.up)
+    posed = _solved(character, start, actor_qpos, planted)
+    if tied and not planted:
+        posed = _lifted(character, posed, tied, min(heights.values()))
+    down = settled(character, posed, planted=planted)
+    return without_heading(down, front=character.front, up=character.up)
 
 
 def gaze_of_actor(actor_qpos: Array) -> Array:
@@ -67,26 +74,6 @@ def planted_points(actor_qpos: Array) -> tuple[str, ...]:
     """The actor's contact points within 3.5 cm of the floor."""
     heights = _actor_heights(actor_qpos)
     return tuple(name for name in CONTACT_POINTS if heights[name] < PLANTED_HEIGHT)
-
-
-def face_of(character: Character) -> tuple[int, Array, Array] | None:
-    """Body, place (3,) and direction (3,) of the face in it: the x axis of the site that the
-    model's custom text ``face`` names. None where there is no such text.
-
-    Raises:
-        InputError: the text names no site.
-    """
-    model = character.model
-    text = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TEXT, "face")
-    if text < 0:
-        return None
-    start, size = model.text_adr[text], model.text_size[text]
-    name = bytes(model.text_data[start : start + size]).rstrip(b"\0").decode().strip()
-    site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name)
-    if site < 0:
-        raise InputError(f"custom text 'face' names {name!r}, which is no site of the model")
-    turn = Rotation.from_quat(model.site_quat[site], scalar_first=True)
-    return int(model.site_bodyid[site]), np.array(model.site_pos[site]), turn.apply([1.0, 0, 0])
 
 
 def gazes(character: Character, qpos: Array) -> Array:
@@ -124,8 +111,10 @@ def _lifted(character: Character, qpos: Array, tied: list[int], height: float) -
     return qpos
 
 
-def _solved(character: Character, start: Array, gaze: Array, planted: tuple[str, ...]) -> Array:
-    face = face_of(character)
+def _solved(
+    character: Character, start: Array, actor_qpos: Array, planted: tuple[str, ...]
+) -> Array:
+    face, gaze = face_of(character), gaze_of_actor(actor_qpos)
     contacts = character.contacts
     down = [i for i, point in enumerate(character.tied) if point in planted]
     locked = np.zeros(character.model.nv, dtype=bool)
@@ -152,6 +141,14 @@ def _solved(character: Character, start: Array, gaze: Array, planted: tuple[str,
                     FACE_WEIGHT,
                 )
             )
+        stands = {int(contacts.body[i]) for i in down}
+        for limb, place in limb_targets(character, actor_qpos, pose):
+            if limb.last not in stands:
+                targets.append(
+                    PointTargets(
+                        np.array([limb.last]), limb.tip[None], place[None, None], LIMB_WEIGHT
+                    )
+                )
         if not targets:
             return qpos
         qpos = solve(

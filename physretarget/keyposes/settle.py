@@ -10,12 +10,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from physretarget.ground.undersides import Solid, lowest_heights, solids
 from physretarget.keyposes.pose import KeyPose, KeyPoseSet, without_heading
-from physretarget.kinematics import PointTargets, forward, points, solve
+from physretarget.kinematics import PointTargets, Pose, forward, integrate, points, solve
 from physretarget.mjcf import Character
 
 __all__ = ["Pull", "plant", "planted_contacts", "pulled", "settled"]
@@ -28,11 +29,14 @@ Ints = NDArray[np.int64]
 CONTACT_WEIGHT, PULL_WEIGHT, STAY_WEIGHT = 100.0, 1.0, 1e-3
 # Parts may sink this far, m: below what the check of key poses minds.
 _SINKS = 5e-4
+# What a planted point that slides costs, per square metre; a step turns no joint further, rad.
+_SLIDE_WEIGHT, _LONGEST_STEP = 1.0, 0.3
+# A point is pulled by at most this share of the height at a time: faster than a hand, at 60 Hz.
+_LEASH = 0.05
 # Bringing one part out of the floor may bring another in: so many times it is looked again.
-_ROUNDS = 4
-_STEPS = 12
-# While a hand drags, the next pose begins where this one ends: fewer do, in under 5 ms.
-_DRAG_STEPS = 5
+_ROUNDS, _ACTIVE_ROUNDS = 60, 6
+# While a hand drags, the next pose begins where this one ends: fewer steps do, in under 5 ms.
+_DRAG_STEPS, _FLOOR_ROUNDS = 5, 4
 # Of one geom so many points are held up at a time: a face has four corners.
 _LOWEST_OF_A_PART = 4
 
@@ -66,18 +70,23 @@ def pulled(
     Args:
         character: whose pose it is.
         qpos: (nq,) the pose before; it is left by as little as possible.
-        pulls: what is pulled, and where to.
+        pulls: what is pulled, and where to; farther than a twentieth of the height it takes
+            several calls, each on the pose of the one before.
         planted: the actor's contact points that stand; what is tied to them goes to the floor below
             where it is, and stays there.
         held: degrees of freedom that must not move.
         stay: what a radian away from ``qpos`` costs, in m².
     """
-    firm = [*_down(character, qpos, planted), *_targets(pulls)]
-    found = _solved(character, qpos, firm, held, stay, _DRAG_STEPS)
-    sunk = _sunk(character, found, _solids(character))
-    if sunk is None:
-        return found
-    return _solved(character, found, [*firm, sunk], held, stay, _DRAG_STEPS)
+    pulls = _leashed(character, qpos, pulls)
+    targets = [*_down(character, qpos, planted), *_targets(pulls)]
+    found = np.array(qpos, dtype=np.float64)
+    if targets:
+        found = solve(
+            character.tree, qpos[None], targets, lower=character.lower, upper=character.upper,
+            locked=_locked(character, held), prior=qpos[None], prior_weight=stay,
+            iterations=_DRAG_STEPS,
+        ).qpos[0]  # fmt: skip
+    return _put_down(character, found, planted, held, _FLOOR_ROUNDS, pulls, slide=CONTACT_WEIGHT)
 
 
 def settled(
@@ -87,17 +96,8 @@ def settled(
 
     Where both cannot be had, the whole body is lifted.
     """
-    every = _solids(character)
-    found = np.array(qpos, dtype=np.float64)
-    firm = _down(character, qpos, planted)
-    keep: list[PointTargets] = []
-    for _ in range(_ROUNDS):
-        found = _solved(character, found, [*firm, *keep], held)
-        sunk = _sunk(character, found, every)
-        if sunk is None:
-            return found
-        keep.append(sunk)
-    return _lifted(character, found, every)
+    found = _put_down(character, np.asarray(qpos, dtype=np.float64), planted, held, _ROUNDS)
+    return _lifted(character, found, _solids(character))
 
 
 def plant(keyposes: KeyPoseSet, character: Character) -> KeyPoseSet:
@@ -108,6 +108,17 @@ def plant(keyposes: KeyPoseSet, character: Character) -> KeyPoseSet:
 def _planted(pose: KeyPose, character: Character) -> KeyPose:
     qpos = settled(character, pose.qpos, planted=pose.planted)
     return replace(pose, qpos=without_heading(qpos, front=character.front, up=character.up))
+
+
+def _leashed(character: Character, qpos: Array, pulls: Sequence[Pull]) -> list[Pull]:
+    """Pulls no longer than a leash, so that no hand is stronger than the floor."""
+    pose, longest, found = forward(character.tree, qpos[None]), _LEASH * character.height, []
+    for pull in pulls:
+        place = pose.position[0, pull.body] + pose.rotation[0, pull.body] @ pull.local
+        way = pull.target - place
+        far = float(np.linalg.norm(way))
+        found.append(replace(pull, target=place + way * min(1.0, longest / max(far, 1e-12))))
+    return found
 
 
 def _targets(pulls: Sequence[Pull]) -> list[PointTargets]:
@@ -128,40 +139,108 @@ def _down(character: Character, qpos: Array, planted: Sequence[str]) -> list[Poi
     return [PointTargets(body, local, place, CONTACT_WEIGHT)]
 
 
-def _solved(
-    character: Character,
-    qpos: Array,
-    targets: Sequence[PointTargets],
-    held: Sequence[int],
-    stay: float = STAY_WEIGHT,
-    steps: int = _STEPS,
-) -> Array:
-    if not targets:
-        return np.array(qpos, dtype=np.float64)
+def _locked(character: Character, held: Sequence[int]) -> NDArray[np.bool_]:
     locked = np.zeros(character.tree.nv, dtype=bool)
     locked[list(held)] = True
-    found: Array = solve(
-        character.tree, qpos[None], targets, lower=character.lower, upper=character.upper,
-        locked=locked, prior=qpos[None], prior_weight=stay, iterations=steps,
-    ).qpos[0]  # fmt: skip
+    return locked
+
+
+def _put_down(
+    character: Character,
+    qpos: Array,
+    planted: Sequence[str],
+    held: Sequence[int],
+    rounds: int,
+    pulls: Sequence[Pull] = (),
+    slide: float = _SLIDE_WEIGHT,
+) -> Array:
+    """Gauss-Newton on heights: planted points on the floor, what is in it out of it.
+
+    Heights alone are asked for, so that a part may leave the floor along the shortest way; planted
+    points are held where they stand at the price ``slide``, and ``pulls`` pull on. A joint at its
+    limit stays there.
+    """
+    model, every = character.model, _solids(character)
+    which = planted_contacts(character, planted)
+    body, local = character.contacts.body[which], character.contacts.local[which]
+    data, found = mujoco.MjData(model), np.array(qpos, dtype=np.float64)
+    stand = points(forward(character.tree, found[None]), body, local)[0]
+    for _ in range(rounds):
+        pose = forward(character.tree, found[None])
+        place = points(pose, body, local)[0]
+        sunk = _sunk(character, pose, every)
+        off = place[:, 2] - character.floor_height
+        if not sunk and np.abs(off).max(initial=0.0) < _SINKS:
+            return found
+        data.qpos[:] = found
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        rows, error, weight = [], [], []
+        jacobian = np.zeros((3, model.nv))
+        for k, owner in enumerate(body.tolist()):
+            mujoco.mj_jac(model, data, jacobian, None, place[k], owner)
+            rows.append(jacobian.copy())
+            error.append([*(place[k, :2] - stand[k, :2]), off[k]])
+            weight.append([slide, slide, CONTACT_WEIGHT])
+        for pull in pulls:
+            turn, origin = pose.rotation[0, pull.body], pose.position[0, pull.body]
+            point = origin + turn @ pull.local
+            mujoco.mj_jac(model, data, jacobian, None, point, pull.body)
+            rows.append(jacobian.copy())
+            error.append((point - pull.target).tolist())
+            weight.append([pull.weight] * 3)
+        for owner, point, depth in sunk:
+            mujoco.mj_jac(model, data, jacobian, None, point, owner)
+            rows.append(jacobian[2:].copy())
+            error.append([depth])
+            weight.append([CONTACT_WEIGHT])
+        found = _moved(
+            character, found, np.concatenate(rows), np.concatenate(error), np.concatenate(weight),
+            ~_locked(character, held),
+        )  # fmt: skip
     return found
 
 
-def _sunk(character: Character, qpos: Array, every: Sequence[Solid]) -> PointTargets | None:
-    """The lowest points of what is in the floor, and the floor above them; None if nothing is."""
-    pose = forward(character.tree, qpos[None])
-    body, local, target = [], [], []
+def _moved(
+    character: Character, qpos: Array, rows: Array, error: Array, weight: Array,
+    free: NDArray[np.bool_],
+) -> Array:  # fmt: skip
+    """The pose after a step that takes errors (m,) off, by their derivatives ``rows`` (m, nv)."""
+    matrix = (rows.T * weight) @ rows + STAY_WEIGHT * np.eye(rows.shape[1])
+    pull = rows.T @ (weight * error)
+    tree = character.tree
+    at, dof = tree.scalars
+    low, high = character.lower[at], character.upper[at]
+    for _ in range(_ACTIVE_ROUNDS):
+        step = np.zeros(len(pull))
+        step[free] = np.linalg.solve(matrix[np.ix_(free, free)], -pull[free])
+        step *= min(1.0, _LONGEST_STEP / max(float(np.abs(step).max()), 1e-12))
+        goal = qpos[at] + step[dof]
+        beyond = ((goal < low - 1e-9) | (goal > high + 1e-9)) & free[dof]
+        # Stop at the limit where it is met, and let the others do the rest.
+        stuck = beyond & ((qpos[at] <= low + 1e-9) | (qpos[at] >= high - 1e-9))
+        if not stuck.any():
+            break
+        free = free.copy()
+        free[dof[stuck]] = False
+    found: Array = integrate(tree, qpos[None], step[None])[0]
+    found[at] = np.clip(found[at], low, high)
+    return found
+
+
+def _sunk(
+    character: Character, pose: Pose, every: Sequence[Solid]
+) -> list[tuple[int, Array, float]]:
+    """The lowest points of what is in the floor: body, place (3,) m, height below 0 m."""
+    found = []
     for solid in every:
         height = solid.heights(pose)[0] - character.floor_height
-        lowest = np.argsort(height)[:_LOWEST_OF_A_PART]
-        turn, place = pose.rotation[0, solid.body], pose.position[0, solid.body]
-        for k in lowest[height[lowest] < -_SINKS].tolist():
-            body.append(solid.body)
-            local.append(solid.points[k])
-            target.append(place + turn @ solid.points[k] - [0.0, 0.0, height[k]])
-    if not body:
-        return None
-    return PointTargets(np.array(body), np.array(local), np.array(target)[None], CONTACT_WEIGHT)
+        for k in np.argsort(height)[:_LOWEST_OF_A_PART].tolist():
+            if height[k] < -_SINKS:
+                turn, place = pose.rotation[0, solid.body], pose.position[0, solid.body]
+                underside = solid.undersides(turn[2])[k]
+                found.append((solid.body, place + turn @ underside, float(height[k])))
+    return found
 
 
 def _lifted(character: Character, qpos: Array, every: Sequence[Solid]) -> Array:

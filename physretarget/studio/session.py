@@ -93,7 +93,7 @@ class Session:
         takes: the captures.
     """
 
-    def __init__(self, character: Character, path: Path, takes: Sequence[Take] = ()) -> None:
+    def __init__(self, character: Character, path: str | Path, takes: Sequence[Take] = ()) -> None:
         """Open a key pose file, or begin one.
 
         Raises:
@@ -104,7 +104,7 @@ class Session:
                 f"{character.name!r} has no free joint, so it cannot be posed in space",
                 path=character.path,
             )
-        self.character, self.path, self.takes = character, path, tuple(takes)
+        self.character, self.path, self.takes = character, Path(path), tuple(takes)
         self._lock = RLock()
         self._digest = ""
         self._done: list[_Step] = []
@@ -171,7 +171,7 @@ class Session:
         own = self.takes[take]
         actor = own.actor(time)
         planted = planted_points(actor)
-        start = propose(self.character, actor) if qpos is None else qpos
+        start = propose(self.character, actor, planted=planted) if qpos is None else qpos
         exact = float(own.motion.time[own.frame(time)])
         pose = KeyPose(
             name=start_name(own.motion, own.frame(time)), source=own.name,

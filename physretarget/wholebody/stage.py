@@ -15,7 +15,7 @@ from physretarget.contact.carry import joint_weights
 from physretarget.errors import InputError
 from physretarget.ground.undersides import lowest_heights, solids
 from physretarget.ground.wrench import external_wrench
-from physretarget.keyposes.propose import face_of
+from physretarget.keyposes.face import face_of
 from physretarget.kinematics import PointTargets
 from physretarget.mjcf import Character
 from physretarget.wholebody.problem import Window

@@ -93,7 +93,7 @@ def test_a_pose_is_dragged_undone_mirrored_and_kept(
     for step in range(12):
         page.mouse.move(x - 3 * step, y - 2 * step)
     page.mouse.up()
-    text(page, "undo", "Undo: pose", part=True)
+    text(page, "undo", f"Undo: pose {before.name}")
     text(page, "saved", "saved")
     after = session.keyposes.poses[0]
     assert np.abs(after.qpos - before.qpos).max() > 0.01

@@ -174,7 +174,10 @@
         const now = asked;
         asked = null;
         const found = await ask("drag", { name: selected, planted: pose.planted, ...now, qpos: pose.qpos });
-        if (pose && pose.name === selected) told(found);
+        if (!pose || pose.name !== selected) continue;
+        const way = Math.max(...found.qpos.map((value, k) => Math.abs(value - pose.qpos[k])));
+        told(found);
+        if (dragging && !asked && now.hands && now.hands.length && way > 2e-3) asked = now; // still on its way
       }
     } catch (error) { say(error.message, true); } finally { busy = false; }
   }
