@@ -1,9 +1,10 @@
 """Plant faults of growing size into clean clips; tell the smallest that is found.
 
-    python -m benchmarks.planted_faults [--only "root noise" …] [--out PAGE.md]
+    python -m benchmarks.planted_faults [--only "root noise" "up axis y" …] [--out PAGE.md]
 
 A fault is found when a finding names it that the clean clip does not have: first as a warning,
-then as an error. Without the robot data the clips of the G1 are left out.
+then as an error. Then break whole clips and tell whether the cause is named. Without the robot
+data the clips of the G1 are left out.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from benchmarks.planted_faults import broken
 from benchmarks.planted_faults.faults import FAULTS, Fault, Planted
 from physretarget.clip import Clip
 from physretarget.validation import Report, Settings, validate
@@ -95,7 +97,7 @@ def table(faults: Sequence[Fault]) -> list[str]:
     return lines
 
 
-def page(faults: Sequence[Fault], command: str) -> str:
+def page(faults: Sequence[Fault], mistakes: Sequence[str], command: str) -> str:
     return "\n".join(
         [
             "# The smallest planted fault that is found",
@@ -115,6 +117,15 @@ def page(faults: Sequence[Fault], command: str) -> str:
                 for fault in faults
             ),
             "",
+            "# The cause of broken input",
+            "",
+            "Whole clips broken by one mistake each, at 30, 60 and 120 frames/s: whether the first "
+            "cause that is named is the mistake, or what is named instead. Half of the clips are "
+            "simulations of bodies and motions that no rule was made with; where a motion cannot "
+            "tell (what does not walk has no steps), none is the best that can be had.",
+            "",
+            *broken.table(mistakes),
+            "",
         ]
     )
 
@@ -126,11 +137,14 @@ def main() -> None:
     parser.add_argument("--only", nargs="*", default=[], help="names of faults")
     parser.add_argument("--out", type=Path, help="page to write")
     given = parser.parse_args()
-    unknown = set(given.only) - {f.name for f in FAULTS}
+    names = [f.name for f in (*FAULTS, *broken.BROKEN)]
+    unknown = set(given.only) - set(names)
     if unknown:
-        parser.error(f"no such fault: {', '.join(unknown)}; there are {[f.name for f in FAULTS]}")
-    faults = [f for f in FAULTS if not given.only or f.name in given.only]
-    text = page(faults, "python -m benchmarks.planted_faults")
+        parser.error(f"no such fault: {', '.join(unknown)}; there are {names}")
+    wanted = given.only or names
+    faults = [f for f in FAULTS if f.name in wanted]
+    mistakes = [b.name for b in broken.BROKEN if b.name in wanted]
+    text = page(faults, mistakes, "python -m benchmarks.planted_faults")
     if given.out:
         given.out.write_text(text, encoding="utf-8")
     print(text)

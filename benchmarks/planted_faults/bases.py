@@ -15,7 +15,6 @@ from scipy.interpolate import CubicSpline
 from benchmarks.planted_faults import puppets
 from benchmarks.simulations.judge import Take, simulated
 from benchmarks.simulations.models import g1_file
-from benchmarks.simulations.simulate import STEPS_PER_SECOND
 from physretarget.clip import Clip, load_clip
 from physretarget.mjcf import Character
 from physretarget.mjcf.dynamics import lowpass
@@ -88,14 +87,23 @@ def lamp_acting() -> Base:
 
 
 @cache
-def hop() -> Base:
-    """A hop that MuJoCo simulated, with its flight."""
-    played = simulated(Take("four legs", "hop", 4, 0))
+def played(subject: str, scenario: str, seed: int, joint: str = "") -> Base | None:
+    """What MuJoCo simulated; None without the body's file."""
+    if subject == "g1" and g1_file() is None:
+        return None
+    simulation = simulated(Take(subject, scenario, seed, 0))
 
     def qpos(fps: float) -> Array:
-        return played.qpos[:: round(STEPS_PER_SECOND / fps)]
+        return simulation.qpos[:: round(simulation.subject.steps / fps)]
 
-    return Base("four legs, hop", played.subject.character, qpos, "left_0_hip")
+    return Base(f"{subject}, {scenario}", simulation.subject.character, qpos, joint)
+
+
+def hop() -> Base:
+    """A hop that MuJoCo simulated, with its flight."""
+    base = played("four legs", "hop", 4, "left_0_hip")
+    assert base is not None
+    return base
 
 
 @cache

@@ -12,7 +12,7 @@ import numpy as np
 
 from benchmarks.simulations.models import NAMES, Subject, build, g1_file, generator
 from benchmarks.simulations.scenarios import SCENARIOS, fits
-from benchmarks.simulations.simulate import STEPS_PER_SECOND, Simulation, simulate
+from benchmarks.simulations.simulate import Simulation, simulate
 from physretarget.validation import Finding, Report, Settings, validate
 
 FALSE_ALARMS = ("DYN", "CON002", "CON003")
@@ -61,13 +61,15 @@ class Alarm:
 
 @dataclass(frozen=True)
 class Judged:
-    """One clip at one frame rate, filtered or not."""
+    """One clip at one frame rate, filtered or not; ``causes`` are codes of what is said to be
+    behind errors, wrongly each."""
 
     take: Take
     fps: int
     lowpass_hz: float | None
     alarms: tuple[Alarm, ...]
     others: tuple[str, ...]
+    causes: tuple[str, ...]
     residuals: dict[str, float]
 
 
@@ -114,6 +116,7 @@ def judged(take: Take, simulation: Simulation, fps: int, lowpass_hz: float | Non
         lowpass_hz,
         tuple(_alarm(simulation, fps, f) for f in errors if f.code.startswith(FALSE_ALARMS)),
         tuple(f.code for f in errors if not f.code.startswith(FALSE_ALARMS)),
+        tuple(cause.code for cause in report.causes),
         _residuals(report),
     )
 
@@ -132,7 +135,7 @@ def _alarm(simulation: Simulation, fps: int, finding: Finding) -> Alarm:
         return Alarm(*plain)
     weight = simulation.subject.character.weight
     now, seen = simulation.true_force(fps, frame)
-    touches = simulation.touches[frame * (STEPS_PER_SECOND // fps)]
+    touches = simulation.touches[frame * (simulation.subject.steps // fps)]
     return Alarm(
         *plain,
         float(now[2]) / weight,
@@ -150,7 +153,7 @@ def dump(take: Take, fps: int, folder: Path) -> None:
     simulation.clip(fps).save(f"{stem}.npz")
     frames = range(len(simulation.clip(fps).time))
     truth = [simulation.true_force(fps, frame) for frame in frames]
-    every = STEPS_PER_SECOND // fps
+    every = simulation.subject.steps // fps
     np.savez_compressed(
         f"{stem}.truth.npz",
         force=np.array([now for now, _ in truth]),

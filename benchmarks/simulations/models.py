@@ -15,12 +15,17 @@ from pathlib import Path
 import mujoco
 import numpy as np
 from numpy.random import Generator
+from numpy.typing import NDArray
 
 from physretarget.demo import models_folder
 from physretarget.mjcf import Character
 
 SOFTNESS = ("0.02 1", "0.02 1", "0.01 1", "0.005 1", "0.04 1", "0.02 0.5")
 """MuJoCo's solref (time constant s, damping ratio); the first two are its default."""
+IMPEDANCE = ("0.9 0.95 0.001", "0.9 0.95 0.001", "0.99 0.999 0.0005", "0.5 0.9 0.004")
+"""MuJoCo's solimp: its default, a stiffer floor, one that gives way."""
+STEPS = (1500, 3000, 3000, 6000)
+"""Steps of the simulation per second: all frame rates divide them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +40,7 @@ class Subject:
         crouch: joint name → angle (rad) or length (m) of a deep crouch; empty where it has none.
         spin: names of joints that turn without end (wheels).
         radius: of what rolls (m); 0 where nothing does.
+        steps: of the simulation, per second.
     """
 
     name: str
@@ -44,6 +50,7 @@ class Subject:
     crouch: Mapping[str, float] = field(default_factory=dict)
     spin: tuple[str, ...] = ()
     radius: float = 0.0
+    steps: int = 3000
 
 
 Made = tuple[str, dict[str, float]]
@@ -51,16 +58,22 @@ Made = tuple[str, dict[str, float]]
 FLOOR = '<geom name="floor" type="plane" size="20 20 .1"/>'
 
 
-def _text(name: str, rng: Generator, body: str, joint: str = "") -> str:
-    """An MJCF file around a body that stands on z = 0."""
+def _text(
+    name: str, rng: Generator, body: str, joint: str = "", *, contact: str = "", asset: str = ""
+) -> str:
+    """An MJCF file around a body that stands on z = 0; ``contact`` is said of all geoms."""
     friction, soft = rng.uniform(0.3, 1.2), rng.choice(SOFTNESS)
     integrator = rng.choice(("implicitfast", "Euler"))
     cone, dimensions = rng.choice(("pyramidal", "elliptic")), rng.choice((3, 3, 3, 4, 6))
+    impedance, ratio = rng.choice(IMPEDANCE), rng.choice((1, 1, 10))
+    twist, roll = rng.choice((0.005, 0.02)), rng.choice((0.0001, 0.002))
+    contact = contact or f'condim="{dimensions}"'
     return f"""<mujoco model="{name}">
   <compiler angle="radian" autolimits="true"/>
-  <option timestep="0.002" integrator="{integrator}" cone="{cone}"/>
+  <option timestep="0.002" integrator="{integrator}" cone="{cone}" impratio="{ratio}"/>
+  {asset}
   <default>
-    <geom friction="{friction:.3f} 0.005 0.0001" solref="{soft}" condim="{dimensions}"/>
+    <geom friction="{friction:.3f} {twist} {roll}" solref="{soft}" solimp="{impedance}" {contact}/>
     <joint damping="0.05" armature="0.002" {joint}/>
   </default>
   <worldbody>{FLOOR}{body}</worldbody>
@@ -213,6 +226,126 @@ def _snake(rng: Generator) -> Made:
     return _text("snake", rng, body), {}
 
 
+def _turtle(rng: Generator) -> Made:
+    """Nothing but convex meshes: a shell and four paddles that end in points."""
+    size, density = rng.uniform(0.5, 1.5), rng.uniform(300, 1500)
+    cloud = rng.normal(size=(40, 3))
+    cloud /= np.linalg.norm(cloud, axis=1, keepdims=True)
+    shell = cloud * [0.25 * size, 0.18 * size, 0.09 * size]
+    paddle = rng.uniform(-1, 1, (10, 3)) * [0.04 * size, 0.025 * size, 0.015 * size]
+    paddle = np.concatenate([paddle - [0, 0, 0.04 * size], [[0.01 * size, 0, -0.16 * size]]])
+
+    def mesh(name: str, points: NDArray[np.float64]) -> str:
+        inner = " ".join(f"{v:.5f}" for v in points.ravel())
+        return f'<mesh name="{name}" vertex="{inner}"/>'
+
+    limbs = "".join(
+        f"""<body name="paddle_{i}_{j}" pos="{i * 0.15 * size} {j * 0.12 * size} 0">
+      <joint name="swing_{i}_{j}" axis="0 1 0" range="-1 1"/>
+      <joint name="splay_{i}_{j}" axis="1 0 0" range="-.8 .8"/>
+      <geom type="mesh" mesh="paddle" density="{density}"/></body>"""
+        for i in (-1, 1) for j in (-1, 1)
+    )  # fmt: skip
+    body = f"""<body name="shell" pos="0 0 {0.16 * size}"><freejoint name="root"/>
+    <geom type="mesh" mesh="shell" density="{density}"/>{limbs}
+    <body name="head" pos="{0.25 * size} 0 0"><joint name="neck" axis="0 1 0" range="-.9 .9"/>
+      <geom type="mesh" mesh="paddle" density="{density}" euler="0 1.57 0"/></body></body>"""
+    asset = f"<asset>{mesh('shell', shell)}{mesh('paddle', paddle)}</asset>"
+    strength = 25 * size**4 * rng.uniform(0.7, 1.5)
+    limit = f'actuatorfrcrange="-{strength} {strength}"'
+    return _text("turtle", rng, body, limit, asset=asset), {}
+
+
+def _rover(rng: Generator) -> Made:
+    """Six cylinder wheels, the rear four on rockers."""
+    size = rng.uniform(0.4, 1.5)
+    radius, x, y = 0.07 * size, 0.22 * size, 0.18 * size
+    wide = rng.uniform(0.01, 0.04) * size
+
+    def wheel(name: str, at: float, side: float) -> str:
+        return f"""<body pos="{at} {side} 0"><joint name="wheel_{name}" axis="0 1 0"/>
+    <geom type="cylinder" fromto="0 {-wide} 0 0 {wide} 0" size="{radius}" density="900"/></body>"""
+
+    sides = "".join(
+        f"""{wheel(f"front_{j}", x, j * y)}
+    <body pos="{-0.5 * x} {j * 0.7 * y} 0"><joint name="rocker_{j}" axis="0 1 0" range="-.4 .4"/>
+      <geom type="capsule" fromto="{-0.5 * x} 0 0 {0.5 * x} 0 0" size="{0.015 * size}"/>
+      {wheel(f"middle_{j}", 0.5 * x, j * 0.3 * y)}{wheel(f"rear_{j}", -0.5 * x, j * 0.3 * y)}
+    </body>"""
+        for j in (-1, 1)
+    )
+    body = f"""<body name="rover" pos="0 0 {radius}"><freejoint name="root"/>
+    <geom type="box" size="{x} {0.6 * y} {0.03 * size}" pos="0 0 {0.06 * size}"
+          density="{rng.uniform(300, 1200)}"/>{sides}</body>"""
+    return _text("rover", rng, body), {}
+
+
+def _marble(rng: Generator) -> Made:
+    """A ball with rolling and torsional friction to speak of, and a weight in it off centre."""
+    radius = rng.uniform(0.04, 0.25)
+    body = f"""<body name="marble" pos="0 0 {radius}"><freejoint name="root"/>
+    <geom type="sphere" size="{radius}" density="{rng.uniform(300, 2500)}"/>
+    <body name="weight"><joint name="tilt" axis="0 1 0" range="-2 2"/>
+      <joint name="lean" axis="1 0 0" range="-2 2"/>
+      <geom type="sphere" size="{0.2 * radius}" pos="0 0 {-0.6 * radius}" density="8000"
+            contype="0" conaffinity="0"/></body></body>"""
+    rough, twist, roll = rng.uniform(0.3, 1.2), rng.uniform(0.05, 0.4), rng.uniform(0.005, 0.1)
+    rubs = f'condim="6" friction="{rough:.3f} {twist * radius:.4f} {roll * radius:.5f}"'
+    return _text("marble", rng, body.replace("<geom", f"<geom {rubs}")), {}
+
+
+def _person(rng: Generator) -> Made:
+    """A body with arms, a head, ball joints in hips and shoulders, and feet that are boxes."""
+    size, density = rng.uniform(0.5, 1.2), rng.uniform(600, 1200)
+    thigh, shin, arm = 0.42 * size, 0.42 * size, 0.28 * size
+
+    def leg(side: str, y: float) -> str:
+        return f"""<body pos="0 {y * 0.1 * size} 0"><joint name="{side}_hip" type="ball"
+        range="0 1.6"/><geom type="capsule" fromto="0 0 {-0.07 * size} 0 0 {-0.9 * thigh}"
+        size="{0.06 * size}"/>
+    <body pos="0 0 {-thigh}"><joint name="{side}_knee" axis="0 1 0" range="-.05 2.4"/>
+      <geom type="capsule" fromto="0 0 {-0.07 * size} 0 0 {-0.8 * shin}" size="{0.045 * size}"/>
+      <body pos="0 0 {-shin}"><joint name="{side}_pitch" axis="0 1 0" range="-.9 .9"/>
+        <joint name="{side}_roll" axis="1 0 0" range="-.4 .4"/>
+        <geom type="box" size="{0.12 * size} {0.05 * size} {0.02 * size}"
+              pos="{0.05 * size} 0 {-0.04 * size}"/></body></body></body>"""
+
+    def hand(side: str, y: float) -> str:
+        return f"""<body pos="0 {y * 0.2 * size} {0.45 * size}"><joint name="{side}_shoulder"
+        type="ball" range="0 2"/><geom type="capsule" fromto="0 0 {-0.04 * size} 0 0 {-0.9 * arm}"
+        size="{0.035 * size}"/><body pos="0 0 {-arm}">
+      <joint name="{side}_elbow" axis="0 1 0" range="-2.4 .05"/>
+      <geom type="capsule" fromto="0 0 {-0.04 * size} 0 0 {-arm}" size="{0.03 * size}"/>
+    </body></body>"""
+
+    body = f"""<body name="pelvis" pos="0 0 {thigh + shin + 0.06 * size}"><freejoint name="root"/>
+    <geom type="box" size="{0.08 * size} {0.13 * size} {0.06 * size}"/>
+    {leg("left", 1)}{leg("right", -1)}
+    <body pos="0 0 {0.1 * size}"><joint name="waist" axis="0 1 0" range="-.5 1"/>
+      <geom type="capsule" fromto="0 0 {0.08 * size} 0 0 {0.35 * size}" size="{0.11 * size}"/>
+      {hand("left", 1)}{hand("right", -1)}
+      <body pos="0 0 {0.5 * size}"><joint name="neck" axis="0 1 0" range="-.6 .6"/>
+        <geom type="sphere" size="{0.1 * size}" pos="0 0 {0.1 * size}"/></body></body></body>"""
+    body = body.replace("<geom", f'<geom density="{density:.0f}"')
+    strength = 60 * size**4 * rng.uniform(0.7, 1.5)
+    limit = f'actuatorfrcrange="-{strength} {strength}"'
+    bend = {"knee": 1.2, "pitch": -0.6}
+    return _text("person", rng, body, limit, contact='condim="3"'), {
+        f"{side}_{j}": a for side in ("left", "right") for j, a in bend.items()
+    }
+
+
+def _coin(rng: Generator) -> Made:
+    """A disc on its edge, with a hand that turns on it: rims and edges."""
+    radius, half = rng.uniform(0.06, 0.3), rng.uniform(0.01, 0.04)
+    body = f"""<body name="coin" pos="0 0 {radius}"><freejoint name="root"/>
+    <geom type="cylinder" size="{radius} {half}" quat=".7071 .7071 0 0"
+          density="{rng.uniform(300, 2500)}"/>
+    <body name="hand" pos="0 {1.6 * half} 0"><joint name="turn" axis="0 1 0"/>
+      <geom type="capsule" fromto="0 0 0 {0.6 * radius} 0 0" size="{0.3 * half}"/></body></body>"""
+    return _text("coin", rng, body), {}
+
+
 SMALL: Mapping[str, Callable[[Generator], Made]] = {
     "four legs": _walker("four_legs", (-0.22, 0.22)),
     "six legs": _walker("six_legs", (-0.3, 0.0, 0.3)),
@@ -222,6 +355,11 @@ SMALL: Mapping[str, Callable[[Generator], Made]] = {
     "bird": _bird,
     "box": _box,
     "snake": _snake,
+    "turtle": _turtle,
+    "rover": _rover,
+    "marble": _marble,
+    "person": _person,
+    "coin": _coin,
 }
 SHIPPED: Mapping[str, Mapping[str, float]] = {
     "lamp": {"base_pitch": -0.5, "elbow_pitch": 2.2, "head_pitch": -1.0},
@@ -263,9 +401,10 @@ def build(name: str, rng: Generator, g1: Path | None = None) -> Subject:
     character = Character.from_xml(text, name=name.replace(" ", "_"))
     names = character.joint_names
     spin = tuple(n for n in names if n.startswith("wheel"))
-    rolls = {"wheels": float(character.reference_qpos[2]), "ball": character.height / 2}
+    round_ones = ("wheels", "ball", "rover", "marble", "coin")
+    radius = float(character.reference_qpos[2]) if name in round_ones else 0.0
     return Subject(
-        name, character, character.model, text, crouch, spin, rolls.get(name, 0.0)
+        name, character, character.model, text, crouch, spin, radius, int(rng.choice(STEPS))
     )  # fmt: skip
 
 

@@ -1,8 +1,8 @@
 """MuJoCo plays, and what it knows about the floor's force is written down.
 
-One simulation in steps of 1/3000 s gives the clips of all frame rates. Beside every frame stands
-the true wrench of the floor: the generalised constraint force of the free root, to which forces
-within the body (limits, contacts of its own parts) contribute nothing.
+One simulation in steps of 1/3000 s, or half or twice that, gives the clips of all frame rates.
+Beside every frame stands the true wrench of the floor: the generalised constraint force of the free
+root, to which forces within the body (limits, contacts of its own parts) contribute nothing.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from physretarget.clip import Clip
 
 Array = NDArray[np.float64]
 
-STEPS_PER_SECOND = 3000
 RATES = (30, 60, 250, 500)
 """Frames per second at which clips are sampled; all divide the steps."""
 
@@ -66,7 +65,7 @@ class Simulation:
     def clip(self, fps: int) -> Clip:
         """The clip at this frame rate."""
         character = self.subject.character
-        qpos = self.qpos[:: STEPS_PER_SECOND // fps]
+        qpos = self.qpos[:: self.subject.steps // fps]
         return Clip(
             qpos=qpos,
             time=np.arange(len(qpos)) / fps,
@@ -81,7 +80,7 @@ class Simulation:
         The second difference of positions is the acceleration averaged with a triangle over the
         frames before and after, and so is the force that it stands for.
         """
-        every = STEPS_PER_SECOND // fps
+        every = self.subject.steps // fps
         middle = frame * every
         steps = np.arange(max(middle - every, 0), min(middle + every, len(self.force)))
         weights = every - np.abs(steps - middle) + 1e-9
@@ -90,16 +89,17 @@ class Simulation:
 
 def simulate(subject: Subject, play: Play) -> Simulation:
     """Let MuJoCo play."""
-    model = _model(subject)
+    model, steps = _model(subject), subject.steps
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = play.qpos, play.qvel
+    mujoco.mj_normalizeQuat(model, data.qpos)
     inertia, limit = _free_inertia(model, play.qpos), _torque_limit(model)
     springs = inertia * play.stiffness**2
     dampers = 2 * inertia * play.stiffness
     way = np.zeros(model.nv)
     joints = slice(6, model.nv)
-    count = round(play.seconds * STEPS_PER_SECOND) + 1
-    settle = round(play.settle * STEPS_PER_SECOND)
+    count = round(play.seconds * steps) + 1
+    settle = round(play.settle * steps)
     qpos, force = np.empty((count, model.nq)), np.empty((count, 3))
     moment, torque = np.empty((count, 3)), np.empty((count, model.nv))
     touches: dict[int, tuple[Touch, ...]] = {}
@@ -107,7 +107,7 @@ def simulate(subject: Subject, play: Play) -> Simulation:
     for step in range(-settle, count):
         if step == 0 and play.kick is not None:
             data.qvel += play.kick
-        wanted = play.target(max(step, 0) / STEPS_PER_SECOND)
+        wanted = play.target(max(step, 0) / steps)
         mujoco.mj_differentiatePos(model, way, 1.0, data.qpos, wanted)
         motors = (springs * way - dampers * data.qvel).clip(-limit, limit)
         data.qfrc_applied[joints] = motors[joints]
@@ -117,15 +117,15 @@ def simulate(subject: Subject, play: Play) -> Simulation:
         if step >= 0:
             force[step], moment[step] = _floor_wrench(data, root)
             torque[step] = motors
-            if any(step % (STEPS_PER_SECOND // rate) == 0 for rate in RATES):
+            if any(step % (steps // rate) == 0 for rate in RATES):
                 touches[step] = _touches(model, data)
     return Simulation(subject, qpos, force, moment, torque, touches, _warning(data))
 
 
 def _model(subject: Subject) -> mujoco.MjModel:
-    """A copy in steps of 1/3000 s; the G1's springs and dampers are a controller's gains."""
+    """A copy in the subject's steps; the G1's springs and dampers are a controller's gains."""
     model = copy(subject.model)
-    model.opt.timestep = 1 / STEPS_PER_SECOND
+    model.opt.timestep = 1 / subject.steps
     if subject.name == "g1":
         model.jnt_stiffness[:] = 0
         model.dof_damping[:] = np.minimum(model.dof_damping, 0.02)

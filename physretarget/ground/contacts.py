@@ -39,7 +39,8 @@ class Contacts:
     ``outer`` (T, n) are few of them that stand for nearly all; ``friction`` (T, n) is the
     coefficient at each. ``lowest`` (T,) m above the floor and its
     body; ``clearance`` (T,) m by which no point touches, below 0 where one does; ``bodies`` (B,)
-    that may touch and ``on`` (T, B) which of them do. ``tolerance`` m is how near that is.
+    that may touch and ``on`` (T, B) which of them do. ``twist`` (bodies of the model, 2) m is the
+    torsional and rolling friction of bodies. ``tolerance`` m is how near that is.
     """
 
     position: Floats
@@ -52,6 +53,7 @@ class Contacts:
     clearance: Floats
     bodies: Ints
     on: Bools
+    twist: Floats
     floor: float
     tolerance: float = 0.01
 
@@ -105,6 +107,7 @@ def find_contacts(
         clearance,
         bodies,
         on,
+        points.twist,
         floor,
         tolerance,
     )

@@ -228,7 +228,18 @@ def explain(
         allowed = UNEXPLAINED + np.linalg.norm(rest[rows], axis=1)
         taken = left < allowed
         slides[rows[taken]] = False
-    return Explained(support, borne, rest, slides)
+    left = _untwisted(rest, borne[..., 2], contacts.twist[support.body] / height)
+    return Explained(support, borne, left, slides)
+
+
+def _untwisted(moment: Floats, normal: Floats, twist: Floats) -> Floats:
+    """(T, 3) what remains of a moment (T, 3) BW h when points under ``normal`` (T, n) BW resist
+    turning on the spot and rolling, with ``twist`` (T, n, 2) h."""
+    most = np.einsum("tn,tnk->tk", normal, twist)
+    along = np.linalg.norm(moment[:, :2], axis=1)
+    rolls = np.maximum(along - most[:, 1], 0.0) / np.where(along > 0, along, 1.0)
+    turns = np.maximum(np.abs(moment[:, 2]) - most[:, 0], 0.0) * np.sign(moment[:, 2])
+    return np.c_[moment[:, :2] * rolls[:, None], turns]
 
 
 def _without_rests(support: Support) -> Support:

@@ -123,8 +123,10 @@ class Undersides:
 
     ``radius`` (K,) m of a ball around the point, ``axes`` (K, 3) an ellipsoid's semi-axes and
     zero elsewhere, ``frame`` (K, 3, 3) its rotation in the body. ``friction`` (K,) is the
-    coefficient between geom and floor. ``source`` says where the points came from. Points stand
-    in the order of their bodies.
+    coefficient between geom and floor. ``twist`` (bodies of the model, 2) m says how far about the
+    vertical, and about what lies along the floor, a body's contacts resist turning: see
+    :func:`_twist`. ``source`` says where the points came from. Points stand in the order of their
+    bodies.
     """
 
     body: Ints
@@ -133,6 +135,7 @@ class Undersides:
     axes: Floats
     frame: Floats
     friction: Floats
+    twist: Floats
     source: str
 
     def __len__(self) -> int:
@@ -148,7 +151,7 @@ class Undersides:
         rows = self.body == body
         return Undersides(
             self.body[rows], self.local[rows], self.radius[rows], self.axes[rows],
-            self.frame[rows], self.friction[rows], self.source,
+            self.frame[rows], self.friction[rows], self.twist, self.source,
         )  # fmt: skip
 
     def heights(self, pose: kinematics.Pose) -> Floats:
@@ -209,7 +212,7 @@ def undersides(character: Character) -> Undersides:
     order = np.argsort(owner, kind="stable")
     return Undersides(
         owner[order], local[order], radius[order], axes[order], frame[order], friction[order],
-        source,
+        _twist(model, geoms), source,
     )  # fmt: skip
 
 
@@ -248,6 +251,26 @@ def _friction(character: Character, geoms: Ints) -> Floats:
     ahead = model.geom_priority[geoms].astype(np.int64) - int(model.geom_priority[floor])
     mixed: Floats = np.where(ahead == 0, np.maximum(own, below), np.where(ahead > 0, own, below))
     return mixed
+
+
+def _twist(model: mujoco.MjModel, geoms: Ints) -> Floats:
+    """(nbody, 2) m of torsional and rolling friction with the floor: times the normal force, the
+    moment that a contact of a body takes besides that of its force.
+
+    A contact has the first from MuJoCo's ``condim`` 4 on, the second from 6 on; ``condim`` and
+    coefficients are those of the geom of higher priority, of equal ones the larger.
+    """
+    found = np.zeros((model.nbody, 2))
+    floors = _floors(model)
+    for geom in geoms:
+        pair = [geom, *floors[:1]]
+        ahead = model.geom_priority[pair]
+        pair = [g for g, p in zip(pair, ahead, strict=True) if p == ahead.max()]
+        dimensions = model.geom_condim[pair].max()
+        rubs = np.where([dimensions > 3, dimensions > 4], model.geom_friction[pair, 1:].max(0), 0.0)
+        body = model.geom_bodyid[geom]
+        found[body] = np.maximum(found[body], rubs)
+    return found
 
 
 def _points(model: mujoco.MjModel, geom: int) -> tuple[Floats, Floats, Floats, Floats]:

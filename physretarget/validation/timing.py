@@ -95,7 +95,9 @@ def _com(character: Character, pose: kinematics.Pose) -> Floats:
 def _reach(character: Character, pose: kinematics.Pose) -> tuple[Floats, Floats, Floats]:
     """(T,) m above the floor of the lowest point; (T, n) how far what touches reaches along (n, 2).
 
-    -inf where nothing touches; what is within 3 % of the CoM height of the lowest point touches.
+    -inf where nothing touches; what is within 3 % of the CoM height of where the body stands
+    touches. What stands above the model's floor has its floor there; what lies in a soft floor
+    does not fly when it comes back up to it.
     """
     angle = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
     way = np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -113,7 +115,7 @@ def _reach(character: Character, pose: kinematics.Pose) -> tuple[Floats, Floats,
         points = pose.position[:, solid.body, None] + solid.points @ turn.transpose(0, 2, 1)
         far = points[..., :2] @ way.T + solid.axes.max()
         reach = np.maximum(reach, np.where(touches[..., None], far, -np.inf).max(axis=1))
-    return lowest - base, reach, way
+    return lowest - max(base, character.floor_height), reach, way
 
 
 def _flown(

@@ -91,7 +91,7 @@ def test_forces_act_where_a_body_touches_nearby_with_the_arm_it_has_then() -> No
     com = np.c_[np.arange(9) / 4, np.zeros(9), np.ones(9)]
     contacts = Contacts(
         place, np.full((9, 1), 5), np.ones((9, 1)), on[:, None], on[:, None], np.zeros(9),
-        np.zeros(9, dtype=np.int64), np.zeros(9), np.array([5]), on[:, None], 0.0,
+        np.zeros(9, dtype=np.int64), np.zeros(9), np.array([5]), on[:, None], np.zeros((6, 2)), 0.0,
     )  # fmt: skip
     support = find_support(contacts, com, np.zeros((9, 1, 2)), slice(1, 9), 2)
     assert support.mask.sum(axis=1).tolist() == [0, 1, 0, 0, 0, 1, 0, 0]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from benchmarks.simulations.judge import Take, judged, simulated, takes
 from benchmarks.simulations.models import SMALL
-from benchmarks.simulations.simulate import RATES, STEPS_PER_SECOND, Simulation
+from benchmarks.simulations.simulate import RATES, Simulation
 
 Array = NDArray[np.float64]
 
@@ -30,7 +30,7 @@ def momenta(played: Simulation) -> tuple[Array, Array, Array, Array]:
         data.qpos[:] = played.qpos[step]
         # Semi-implicit integration: the velocity that leads to the next pose is that of the next.
         mujoco.mj_differentiatePos(
-            model, data.qvel, 1 / STEPS_PER_SECOND, played.qpos[step], played.qpos[step + 1]
+            model, data.qvel, 1 / played.subject.steps, played.qpos[step], played.qpos[step + 1]
         )
         mujoco.mj_forward(model, data)
         mujoco.mj_energyPos(model, data)
@@ -50,13 +50,13 @@ def test_the_recorded_force_is_what_moves_the_body(subject: str) -> None:
     played = simulation(subject, "drop")
     character = played.subject.character
     _, velocity, spin, _ = momenta(played)
-    first, last = 1, STEPS_PER_SECOND
-    time = (last - first) / STEPS_PER_SECOND
-    impulse = played.force[first:last].sum(axis=0) / STEPS_PER_SECOND
+    first, last = 1, played.subject.steps
+    time = (last - first) / played.subject.steps
+    impulse = played.force[first:last].sum(axis=0) / played.subject.steps
     gained = character.mass * (velocity[last - 1] - velocity[first - 1])
     gained[2] += character.weight * time
     np.testing.assert_allclose(gained, impulse, atol=2e-3 * character.weight)
-    turned = played.moment[first:last].sum(axis=0) / STEPS_PER_SECOND
+    turned = played.moment[first:last].sum(axis=0) / played.subject.steps
     np.testing.assert_allclose(
         spin[last - 1] - spin[first - 1],
         turned,
@@ -70,7 +70,7 @@ def test_nothing_but_gravity_acts_in_the_air() -> None:
     landing = int(np.argmax(np.any(played.force != 0, axis=1)))
     assert landing > 100
     com, *_ = momenta(played)
-    falling = np.diff(com[: landing - 1], n=2, axis=0) * STEPS_PER_SECOND**2
+    falling = np.diff(com[: landing - 1], n=2, axis=0) * played.subject.steps**2
     np.testing.assert_allclose(falling, np.broadcast_to([0, 0, -9.81], falling.shape), atol=0.02)
     assert not any(played.touches[s] for s in played.touches if s < landing - 1)
 
@@ -89,7 +89,7 @@ def test_a_limp_body_never_gains_energy(subject: str) -> None:
 @pytest.mark.parametrize("subject", ["six legs", "arm"])
 def test_a_stand_ends_with_the_weight_on_the_floor(subject: str) -> None:
     played = simulation(subject, "stand")
-    mean = played.force[-STEPS_PER_SECOND // 5 :].mean(axis=0) / played.subject.character.weight
+    mean = played.force[-played.subject.steps // 5 :].mean(axis=0) / played.subject.character.weight
     np.testing.assert_allclose(mean, [0, 0, 1], atol=0.02)
     touches = played.touches[max(played.touches)]
     assert touches
@@ -98,7 +98,7 @@ def test_a_stand_ends_with_the_weight_on_the_floor(subject: str) -> None:
 
 def test_a_hop_leaves_the_floor() -> None:
     played = simulation("four legs", "hop")
-    flight = np.all(played.force == 0, axis=1).mean() * len(played.force) / STEPS_PER_SECOND
+    flight = np.all(played.force == 0, axis=1).mean() * len(played.force) / played.subject.steps
     assert 0.02 < flight < 1.0
     assert played.force[:, 2].max() > 2 * played.subject.character.weight
 
@@ -107,18 +107,19 @@ def test_a_hop_leaves_the_floor() -> None:
 def test_every_frame_rate_shows_the_same_simulation(fps: int) -> None:
     played = simulation("box", "push")
     clip = played.clip(fps)
-    assert abs(clip.duration - (len(played.qpos) - 1) / STEPS_PER_SECOND) < 1 / fps
+    assert abs(clip.duration - (len(played.qpos) - 1) / played.subject.steps) < 1 / fps
     assert clip.fps == pytest.approx(fps)
     frame = clip.frames // 2
-    np.testing.assert_array_equal(clip.qpos[frame], played.qpos[frame * (STEPS_PER_SECOND // fps)])
-    assert frame * (STEPS_PER_SECOND // fps) in played.touches
+    step = frame * (played.subject.steps // fps)
+    np.testing.assert_array_equal(clip.qpos[frame], played.qpos[step])
+    assert step in played.touches
 
 
 def test_what_frames_see_of_a_force_is_the_acceleration_of_their_positions() -> None:
     """An impact shorter than a frame is spread over the two frames around it."""
     played = simulation("box", "drop")
     fps = 60
-    every = STEPS_PER_SECOND // fps
+    every = played.subject.steps // fps
     com, *_ = momenta(played)
     character = played.subject.character
     for frame in range(2, 40):
