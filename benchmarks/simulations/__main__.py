@@ -34,15 +34,20 @@ WAYS = ((60, None), (250, None), (500, None), (30, None), (60, 6.0), (250, 6.0))
 """Frame rate and low-pass; the last three are for information."""
 
 
-def run(chosen: Sequence[Take]) -> list[Judged]:
-    """Every take, judged in every way."""
-    results = []
+def run(chosen: Sequence[Take]) -> tuple[list[Judged], list[str]]:
+    """Every take, judged in every way; and why some are no simulations."""
+    results: list[Judged] = []
+    refused = []
     for done, take in enumerate(chosen):
         if sys.stderr.isatty():
             print(f"\r{done}/{len(chosen)} {take.name:40s}", end="", file=sys.stderr)
-        simulation = simulated(take)
+        try:
+            simulation = simulated(take)
+        except RuntimeError as reason:
+            refused.append(str(reason))
+            continue
         results += [judged(take, simulation, fps, hz) for fps, hz in WAYS]
-    return results
+    return results, refused
 
 
 def way(result: Judged) -> str:
@@ -121,7 +126,7 @@ def tell(results: Sequence[Judged], count: int) -> list[str]:
     return lines
 
 
-def page(results: Sequence[Judged], command: str, seconds: float) -> str:
+def page(results: Sequence[Judged], refused: Sequence[str], command: str, seconds: float) -> str:
     """The whole as markdown."""
     clips = [r for r in results if r.lowpass_hz is None and r.fps in REQUIRED]
     wrong = sum(bool(r.alarms) for r in clips)
@@ -138,6 +143,10 @@ def page(results: Sequence[Judged], command: str, seconds: float) -> str:
             "such errors.** Columns count clips with errors by frame rate; 30 frames/s and a "
             "low-pass of 6 Hz are for information. Other errors (a soft limit exceeded, a soft "
             "floor entered) may be true; none of the data (DAT, KIN003, KIN004) is, and no cause.",
+            "",
+            f"{len(refused)} more are left out: in their steps they break Newton's laws, since "
+            "light limbs whirl or bodies that start within each other fly apart.",
+            *(f"- {reason}" for reason in refused),
             "",
             *table(results, "subject"),
             "",
@@ -170,9 +179,9 @@ def main() -> None:
     began = time.process_time()
     repeats = 1 if given.quick else given.repeats
     chosen = list(takes(given.seed, repeats, subjects or NAMES, scenarios or tuple(SCENARIOS)))
-    results = run(chosen)
+    results, refused = run(chosen)
     command = "python -m benchmarks.simulations " + " ".join(sys.argv[1:])
-    text = page(results, command.strip(), time.process_time() - began)
+    text = page(results, refused, command.strip(), time.process_time() - began)
     if given.out:
         given.out.write_text(text, encoding="utf-8")
     print(text)

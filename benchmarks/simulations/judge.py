@@ -17,6 +17,8 @@ from physretarget.validation import Finding, Report, Settings, validate
 
 FALSE_ALARMS = ("DYN", "CON002", "CON003")
 """Beginnings of codes that may never be errors about a simulated clip."""
+MOST_DEFECT = 0.2
+"""BW and BW h by which a simulation's own steps may break Newton's laws: less than an error."""
 RESIDUALS = (
     "unexplained_force_max_bw",
     "unexplained_force_rms_bw",
@@ -96,12 +98,17 @@ def subject_of(take: Take) -> Subject:
 
 
 def simulated(take: Take) -> Simulation:
-    """The simulation of a take; RuntimeError where MuJoCo itself gave up."""
+    """The simulation of a take; RuntimeError where MuJoCo itself gave up, or broke Newton's law."""
     subject = subject_of(take)
     rng = generator(take.seed, take.number, take.subject, take.scenario)
     simulation = simulate(subject, SCENARIOS[take.scenario](subject, rng))
     if simulation.unstable:
         raise RuntimeError(f"{take.name} is no simulation: MuJoCo warns of {simulation.unstable}")
+    if simulation.defect > MOST_DEFECT:
+        raise RuntimeError(
+            f"{take.name} is no simulation: it breaks Newton's laws by "
+            f"{simulation.defect:.2f} BW or BW h"
+        )
     return simulation
 
 

@@ -88,6 +88,8 @@ def find_contacts(
         if touching.any():
             on[rows[touching], index] = True
             place = own.lowest(_rows(pose, rows[touching]))
+            # Body and floor both give way: they meet halfway, as MuJoCo has it.
+            place[..., 2] += 0.5 * np.maximum(floor - place[..., 2], 0.0)
             rubs = np.broadcast_to(own.friction, near[touching].shape)
             chosen = _outermost(place, rubs, near[touching])
             picked.append((*_spread(*chosen, rows[touching], frames), int(body)))

@@ -146,10 +146,10 @@ class LeastTorque:
         for joint in self.character.tree.joints:
             if joint.kind in ("hinge", "slide"):
                 near = STOP_RAD if joint.kind == "hinge" else STOP_M
-                value = loads.qpos[:, joint.qpos]
+                least, most = _swept(loads.qpos[:, joint.qpos])
                 # At the lower end a stop pushes up.
-                high[value < self.character.lower[joint.qpos] + near, joint.dof] = np.inf
-                low[value > self.character.upper[joint.qpos] - near, joint.dof] = np.inf
+                high[least < self.character.lower[joint.qpos] + near, joint.dof] = np.inf
+                low[most > self.character.upper[joint.qpos] - near, joint.dof] = np.inf
         return low[:, self.limited], high[:, self.limited]
 
     def _kindest(self, loads: Loads, t: int, low: Floats, high: Floats) -> tuple[float, int]:
@@ -215,3 +215,17 @@ class LeastTorque:
             rays = frame[0] + contact.friction[0] * _COMPASS @ frame[1:]
             columns.append(rays @ (second - first))
         return np.concatenate(columns)
+
+
+def _swept(value: Floats) -> tuple[Floats, Floats]:
+    """(F,) the least and the greatest value (F,) that a coordinate may have had since the frame
+    before and until the next: a stop that it meets between two frames shows in both.
+
+    It goes on from the frame before it as it came, and comes to the next as it goes on from there.
+    """
+    if len(value) < 2:
+        return value, value
+    step = np.diff(value)
+    came, goes = np.r_[step[0], step], np.r_[step, step[-1]]
+    ways = np.stack([value, value - came, value + goes, value + came, value - goes])
+    return ways.min(axis=0), ways.max(axis=0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from physretarget import kinematics
 from physretarget.ground.undersides import Solid, bearing_solids
@@ -22,6 +23,9 @@ _ROUNDS = 30
 # A sole: points within 5 mm of a body's lowest, at least so wide in heights of the character.
 _FLAT_M, _WIDE = 0.005, 0.02
 _FEWEST_STANCES = 10
+# A root below this share of its height in the reference pose belongs to a body that lies or sits:
+# its feet rest as they fall.
+_LIES = 0.5
 
 
 def root_scale(seen: Evidence) -> float | None:
@@ -69,6 +73,7 @@ def sole_tilts(character: Character, seen: Evidence, qpos: Floats) -> list[Tilt]
     pose = kinematics.forward(character.tree, qpos)
     slow = np.linalg.norm(seen.slip, axis=1) < _STANDS * seen.step * np.sqrt(9.81 * seen.height)
     level = np.abs(seen.lowest - seen.offset)[:-1] < _NEAR * seen.height
+    level &= _upright(character, pose, seen)[:-1]
     found = []
     for body, normal in soles.items():
         stands = slow & level & (seen.body[:-1] == body)
@@ -80,6 +85,16 @@ def sole_tilts(character: Character, seen: Evidence, qpos: Floats) -> list[Tilt]
         apart = float(np.median(np.linalg.norm(turns - middle, axis=1)))
         found.append(Tilt(body, middle, apart))
     return found
+
+
+def _upright(character: Character, pose: kinematics.Pose, seen: Evidence) -> NDArray[np.bool_]:
+    """(n,) whether the root is as high as that of a body on its feet."""
+    if not character.has_root:
+        return np.ones(len(pose.position), dtype=bool)
+    height = pose.position[:, character.root_body, 2] - character.floor_height
+    usual = float(character.reference_qpos[character.root_qpos + 2]) - character.floor_height
+    upright: NDArray[np.bool_] = height - seen.offset > _LIES * usual
+    return upright
 
 
 def _soles(character: Character) -> dict[int, Floats]:

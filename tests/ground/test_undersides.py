@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from physretarget import kinematics
-from physretarget.ground.undersides import lowest_heights, solids
+from physretarget.ground.contacts import find_contacts
+from physretarget.ground.undersides import lowest_heights, solids, undersides
 from physretarget.mjcf import Character
 
 SHAPES = {
@@ -63,3 +64,26 @@ def test_only_the_bodies_asked_for_and_no_planes() -> None:
     assert solids(character, [0]) == ()
     pose = kinematics.forward(character.tree, character.reference_qpos[None])
     assert lowest_heights((), pose).shape == (1, 0)
+
+
+@pytest.mark.parametrize("shape", ["sphere", "capsule", "box", "mesh"])
+def test_contacts_lie_where_mujoco_has_them_in_a_soft_floor(shape: str) -> None:
+    character = Character.from_xml(
+        XML.format(shape=SHAPES[shape]).replace(' margin="9"', ""), name=shape
+    )
+    rng = np.random.default_rng(1)
+    qpos = np.zeros((30, 7))
+    qpos[:, 3:] = rng.normal(size=(30, 4))
+    qpos[:, 3:] /= np.linalg.norm(qpos[:, 3:], axis=1, keepdims=True)
+    low = lowest_heights(solids(character), kinematics.forward(character.tree, qpos))[:, 0]
+    qpos[:, 2] -= low + rng.uniform(0.0005, 0.02, 30)
+    pose = kinematics.forward(character.tree, qpos)
+    contacts = find_contacts(undersides(character), pose, 0.0, 0.001)
+    data = mujoco.MjData(character.model)
+    for t, one in enumerate(qpos):
+        data.qpos[:] = one
+        mujoco.mj_kinematics(character.model, data)
+        mujoco.mj_collision(character.model, data)
+        ours = contacts.position[t, contacts.mask[t]]
+        for contact in data.contact:
+            assert np.linalg.norm(ours - contact.pos, axis=1).min() < 1e-5

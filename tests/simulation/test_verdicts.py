@@ -10,7 +10,8 @@ TAKES = [
     ("lamp", "drop"), ("lamp", "ragdoll"), ("penguin", "hop"), ("penguin", "fall"),
     ("squirrel", "stand"), ("squirrel", "push"), ("four legs", "hop"), ("six legs", "dance"),
     ("wheels", "skid"), ("wheels", "roll"), ("arm", "drop"), ("ball", "roll"), ("bird", "fall"),
-    ("box", "skid"), ("snake", "ragdoll"), ("snake", "skid"),
+    ("box", "skid"), ("snake", "skid"), ("turtle", "push"), ("rover", "roll"),
+    ("marble", "skid"), ("person", "dance"), ("coin", "ragdoll"),
 ]  # fmt: skip
 
 
