@@ -239,7 +239,8 @@ def _untwisted(moment: Floats, normal: Floats, twist: Floats) -> Floats:
     along = np.linalg.norm(moment[:, :2], axis=1)
     rolls = np.maximum(along - most[:, 1], 0.0) / np.where(along > 0, along, 1.0)
     turns = np.maximum(np.abs(moment[:, 2]) - most[:, 0], 0.0) * np.sign(moment[:, 2])
-    return np.c_[moment[:, :2] * rolls[:, None], turns]
+    left: Floats = np.c_[moment[:, :2] * rolls[:, None], turns]
+    return left
 
 
 def _without_rests(support: Support) -> Support:
