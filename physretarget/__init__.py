@@ -6,7 +6,7 @@
     key poses ──── load_keyposes ── learn ──▶ TrainedMapper
                                                   │ retarget
                                                   ▼
-      mapped → placed → contacted → physical → balanced ──▶ Clip
+      mapped → placed → contacted → physical → balanced (→ simulated) ──▶ Clip
                                                              │
     MJCF ── Character.load ──▶ Character ── validate(clip, character) ──▶ Report
 

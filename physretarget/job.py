@@ -21,7 +21,9 @@ from physretarget.options import JOBS, build, read
 from physretarget.options.judging import JudgingOptions, ValidationOptions
 from physretarget.options.motion import CaptureOptions, ClipOptions
 from physretarget.options.retargeting import MAPPERS, MapperOptions, MapperSource
+from physretarget.options.simulation import SimulationOptions
 from physretarget.pipeline import Retargeted, RetargetSettings, retarget
+from physretarget.simulate import settings_of as simulation_settings
 from physretarget.trained import TrainedMapper, check_mobile, learn
 from physretarget.validation import RULES, Report, Settings, settings_of, validate
 
@@ -96,6 +98,7 @@ def run_job(
         mapper,
         settings=build(RetargetSettings, given, seed=given.get("seed", 0)),
         phases=phases,
+        simulation=simulation_settings(build(SimulationOptions, given)),
         progress=lambda stage: progress(stage, 0.0),
     )
     report = _judged(made.clip, mapper.character, settings, progress) if judge else None

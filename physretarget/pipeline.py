@@ -2,7 +2,7 @@
 
     capture ─ load ─▶ ActorMotion ─ features ─▶ Mapper ─ ik ─▶ mapped
         ─ momentum ─▶ placed ─ contact ─▶ contacted ─ ocp ─▶ physical
-        ─ balance ─▶ balanced ─▶ Clip
+        ─ balance ─▶ balanced [─ simulate ─▶ simulated] ─▶ Clip
 
 Every stage's output is kept in :class:`Retargeted`, so that it can be looked at and
 compared (Yamane 2010, Figure 7).
@@ -26,12 +26,13 @@ from physretarget.capture.actor import ActorMotion, ActorShape
 from physretarget.clip import Clip
 from physretarget.errors import InputError
 from physretarget.features import features
-from physretarget.kinematics import runs
+from physretarget.kinematics import difference, integrate, runs
 from physretarget.mapping import Mapped
 from physretarget.mjcf import Character, actor_character
 from physretarget.mjcf.dynamics import lowpass
 from physretarget.novelty import Novelty, novelty
 from physretarget.options.retargeting import STAGES, RetargetSettings, Stage
+from physretarget.simulate import Simulation, SimulationSettings, simulate
 from physretarget.trained import TrainedMapper
 from physretarget.wholebody import WholeBody, balance
 
@@ -60,6 +61,7 @@ class Retargeted:
     on the reference actor; ``acting`` is what each stage did to the acting;
     ``y`` (T, D_Y) the actor's features, ``mapped`` the mapper's answer,
     ``novelty`` which frames no key pose is like. ``seconds`` is the wall time of each stage.
+    ``simulated`` may have lost the body on the way: then the clip is that of stage ``balanced``.
     """
 
     character: Character
@@ -75,6 +77,7 @@ class Retargeted:
     contacted: contact.Contacted | None
     physical: ocp.RootHeight | None
     balanced: WholeBody | None
+    simulated: Simulation | None
     acting: tuple[Acting, ...]
     clip: Clip
     seconds: dict[str, float]
@@ -88,7 +91,10 @@ class Retargeted:
 
     def stages(self) -> dict[Stage, Array]:
         """The character's qpos (T, nq) after each stage that ran, in order."""
-        return _clips(self.pose, self.placed, self.contacted, self.physical, self.balanced)
+        found = _clips(self.pose, self.placed, self.contacted, self.physical, self.balanced)
+        if self.simulated is not None and self.simulated.survived:
+            found["simulated"] = self.clip.qpos
+        return found
 
 
 def _clips(
@@ -173,6 +179,7 @@ def retarget(
     *,
     settings: RetargetSettings | None = None,
     phases: contact.Phases | None = None,
+    simulation: SimulationSettings | None = None,
     progress: Progress = _silent,
 ) -> Retargeted:
     """Turn an actor's motion into a clip of the mapper's character.
@@ -182,6 +189,7 @@ def retarget(
         mapper: learned by :func:`physretarget.trained.learn`; carries its character.
         settings: what can be set, defaults if None.
         phases: contact phases set by hand; detected from the motion if None.
+        simulation: of the last stage, ``simulated``; exact if None.
         progress: called with each stage's name as it starts.
 
     Raises:
@@ -219,13 +227,18 @@ def retarget(
     balanced = _balanced(run, contacted, physical)
     for stage in (contacted, physical, balanced):
         told += () if stage is None else stage.notes
+    clips = _clips(pose, placed, contacted, physical, balanced)
+    qpos = list(clips.values())[-1]
+    simulated = _simulated(run, qpos, simulation)
+    if simulated is not None:
+        told += _how_it_ended(simulated)
+        if simulated.survived:
+            qpos = clips["simulated"] = _at(simulated, character, motion.time)
     notes += told
     watch.stop()
 
-    clips = _clips(pose, placed, contacted, physical, balanced)
     acting = measure_acting(character, {str(k): q for k, q in clips.items()}, motion.time)
     notes += over_budget(acting) + dials.too_high(acting[-1].hop, settings.max_hop)
-    final = balanced or physical or contacted or placed or pose
     return Retargeted(
         character=character,
         actor=actor,
@@ -240,9 +253,10 @@ def retarget(
         contacted=contacted,
         physical=physical,
         balanced=balanced,
+        simulated=simulated,
         acting=acting,
         clip=Clip(
-            qpos=final.qpos,
+            qpos=qpos,
             time=motion.time,
             joint_names=character.joint_names,
             model_name=character.name,
@@ -348,6 +362,42 @@ def _balanced(
         limb = passive.with_limb(run.character, balanced.qpos, swung.qpos)
         balanced = replace(balanced, qpos=limb)
     return balanced
+
+
+def _simulated(run: _Run, qpos: Array, settings: SimulationSettings | None) -> Simulation | None:
+    """The clip as MuJoCo plays it."""
+    if not run.reaches("simulated"):
+        return None
+    run.watch.start("simulate")
+    character = run.character
+    clip = Clip(qpos=qpos, time=run.motion.time, joint_names=character.joint_names)
+    simulated = simulate(clip, character, settings)
+    if simulated.ending == "interrupted":
+        raise KeyboardInterrupt
+    return simulated
+
+
+def _at(simulated: Simulation, character: Character, time: Array) -> Array:
+    """A simulation's poses at a clip's frames; between two steps on the line that joins them."""
+    tree, qpos = character.tree, simulated.clip.qpos
+    place = np.clip((time - time[0]) / simulated.timestep, 0.0, len(qpos) - 1.0)
+    before = np.minimum(place.astype(np.int64), len(qpos) - 2)
+    step = difference(tree, qpos[before], qpos[before + 1])
+    return integrate(tree, qpos[before], (place - before)[:, None] * step)
+
+
+def _how_it_ended(simulated: Simulation) -> tuple[str, ...]:
+    measures = simulated.measures
+    if simulated.survived:
+        return (
+            f"Simulated: {100 * measures.tracking_share:.1f} % of the height off the stage before, "
+            f"assist {measures.assist_force_rms_bw:.2f} BW, "
+            f"trackability {measures.trackability:.2f}.",
+        )
+    return (
+        f"MuJoCo loses the body at {measures.survived_s:.2f} s of {measures.duration_s:.2f} s: "
+        "the clip is that of the stage before.",
+    )
 
 
 def _standing(

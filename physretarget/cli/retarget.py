@@ -63,7 +63,8 @@ def retarget_command(captures: CapturesArgument, given: Given) -> None:
 
     Needs key poses (--keyposes), or what learn made of them (--mapper MAPPER.npz). The stages:
     mapped (poses), placed (the way over the floor), contacted (feet), physical (the root's
-    height), balanced.
+    height), balanced; and on demand simulated (what MuJoCo plays, docs/simulate.md), whose proof
+    goes beside the clip as NAME.sim.npz.
     """
     out: Path = given["out"]
     _no_folders(captures)
@@ -120,6 +121,8 @@ def _run(
         "retarget", path, RETARGET.of_job(given), judge=folder is not None, progress=begin
     )
     done.clip.whole().save(target)
+    if done.retargeted is not None and done.retargeted.simulated is not None:
+        done.retargeted.simulated.save(target.with_suffix(".sim.npz"))
     if folder is not None:
         assert done.retargeted is not None
         assert done.mapper is not None

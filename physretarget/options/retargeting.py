@@ -11,7 +11,7 @@ from physretarget.errors import UsageError
 from physretarget.options.declaration import check, option
 
 MapperName = Literal["sgplvm", "gp", "ridge", "pca", "nn3", "nn10"]
-Stage = Literal["mapped", "placed", "contacted", "physical", "balanced"]
+Stage = Literal["mapped", "placed", "contacted", "physical", "balanced", "simulated"]
 Physics = Literal["default", "paper", "convex"]
 Solver = Literal["banded", "ipopt"]
 Heading = Literal["actor", "momentum"]
@@ -70,7 +70,12 @@ class RetargetSettings:
     :func:`physretarget.momentum.place`, for ``tail`` :mod:`physretarget.passive`.
     """
 
-    until: Stage = option("balanced", help="Last stage to run.", advanced=True, label="Last stage")
+    until: Stage = option(
+        "balanced",
+        help="Last stage to run; simulated: what MuJoCo makes of the clip, seconds per second.",
+        advanced=True,
+        label="Last stage",
+    )
     physics: Physics = option(
         "default", help="How stage physical finds the root's height; paper: as Yamane 2010 does."
     )

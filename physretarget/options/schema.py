@@ -143,7 +143,7 @@ LEARN = Schema(
 RETARGET = Schema(
     name="retarget",
     files=(CharacterFile, KeyPoseFiles, SkeletonFile, PhasesFile, ConfigFile),
-    shared=(MapperSource, RetargetSettings, CaptureOptions, JudgingOptions),
+    shared=(MapperSource, RetargetSettings, SimulationOptions, CaptureOptions, JudgingOptions),
     here=(RetargetOutput,),
 )
 FORCES = Schema(

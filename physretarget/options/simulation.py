@@ -15,18 +15,23 @@ class SimulationOptions:
 
     assist: bool = option(
         False,
-        help="Let a wrench on the root help, as little as keeps it on track: faster, not exact.",
+        help="Let a wrench on the root help a simulation, as little as keeps it on track: faster, "
+        "not exact.",
     )
     budget: float | None = option(
         None,
-        help="CPU-seconds per second of the clip; beyond, plans are coarser, and no run is like "
-        "another.",
+        help="CPU-seconds of a simulation per second of the clip; beyond, plans are coarser, and "
+        "no run is like another.",
         unit="s",
         above=0,
         most=1000,
         default_text="none",
         advanced=True,
     )
+    seed: int = option(
+        0, help="Of the noise on hard stretches: same seed, same simulation.", least=0,
+        most=2**31 - 1, advanced=True,
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         check(self)
@@ -43,4 +48,3 @@ class SimulationOutput:
         None, help="A folder for a page that plays it, and its numbers.", metavar="FOLDER"
     )
     format: Literal["text", "json"] = option("text", help="Of the numbers.")
-    seed: int = option(0, help="Accepted for scripts: nothing is drawn at random.", least=0)

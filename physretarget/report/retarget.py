@@ -34,6 +34,7 @@ _STAGE_NOTES = {
     "contacted": "feet planted where the actor's are",
     "physical": "height of the root made to obey gravity and contact",
     "balanced": "the whole body moved to where the floor can bear it",
+    "simulated": "played forward by MuJoCo, by torques of the joints",
 }
 
 

@@ -12,6 +12,7 @@ from physretarget.momentum import Placed
 from physretarget.ocp import RootHeight
 from physretarget.pipeline import Retargeted
 from physretarget.report.retarget_data import KeyNumber
+from physretarget.simulate import SimulationMeasures
 from physretarget.wholebody import WholeBody
 
 __all__ = ["key_numbers"]
@@ -33,6 +34,8 @@ def key_numbers(result: Retargeted) -> tuple[KeyNumber, ...]:
         numbers += _physical(result.physical, height)
     if result.balanced is not None:
         numbers.append(_balanced(result.balanced, height))
+    if result.simulated is not None:
+        numbers.append(_simulated(result.simulated.measures))
     return tuple(numbers)
 
 
@@ -119,6 +122,19 @@ def _balanced(balanced: WholeBody, height: float) -> KeyNumber:
         unit="BW",
         note=f"{before:.2f} BW before; pose moved by {moved:.1f} % of height",
         good=bool(after <= BALANCED),
+    )
+
+
+def _simulated(measures: SimulationMeasures) -> KeyNumber:
+    return KeyNumber(
+        label="Trackability",
+        stage="simulated",
+        value=round(measures.trackability, 2),
+        unit="",
+        note=f"{measures.survived_s:.2f} of {measures.duration_s:.2f} s played, "
+        f"{100 * measures.tracking_share:.1f} % of height off, "
+        f"assist {measures.assist_force_rms_bw:.2f} BW",
+        good=measures.trackability >= 0.5,
     )
 
 

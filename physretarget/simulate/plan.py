@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.linalg.blas import dgemm
 from scipy.linalg.lapack import dposv
 
-from physretarget.simulate.cost import Cost
+from physretarget.simulate.cost import Cost, KnotCost
 from physretarget.simulate.reference import Reference
 
 __all__ = ["Plan", "Planner"]
@@ -139,7 +139,7 @@ class Planner:
             slopes = [self.linearise(plan, k) for k in range(len(plan.torque))]
             better = None
             for damping, steps in _SEARCH:
-                push, gain = self.backward(plan, slopes, damping)
+                push, gain, _ = self.backward(plan, slopes, damping)
                 plan.gain = gain if damping == 0 else plan.gain
                 for step in steps:
                     better = better or self.follow(
@@ -155,8 +155,44 @@ class Planner:
                 break
         return plan
 
-    def backward(self, plan: Plan, slopes: list[Array], damping: float) -> tuple[Array, Array]:
-        """Open-loop change k (H, nu) and feedback K (H, nu, 2 nv) along a plan.
+    def quicken(self, start: Array, plan: Plan, iterations: int) -> tuple[Array, Plan]:
+        """Choose the speed that a window begins with as well, within what the clip leaves open.
+
+        Returns the new start and a plan from it. A clip gives poses: at its first frame the speed
+        is known no better than it changes over a frame.
+        """
+        model, data, nv = self.body.model, self.data, self.body.model.nv
+        last, doubt = plan.first + len(plan.torque), self.reference.speed_doubt
+        for _ in range(iterations):
+            slopes = [self.linearise(plan, k) for k in range(len(plan.torque))]
+            push, gain, ahead = self.backward(plan, slopes, 0.0)
+            change = -dposv(ahead.hessian[nv:, nv:], ahead.gradient[nv:])[1].reshape(nv)
+            known, worth = self.reference.qvel[plan.first], self._with_start(plan)
+            for step in _SEARCH[0][1]:
+                mujoco.mj_setState(model, data, start, _STATE)
+                speed = np.clip(plan.qvel[0] + step * change, known - doubt, known + doubt)
+                data.qvel[:] = speed
+                begin = np.empty_like(start)
+                mujoco.mj_getState(model, data, begin, _STATE)
+                found = self.follow(
+                    begin, plan.first, last, plan, step=step, push=push, gain=gain, bound=worth
+                )
+                if found is not None and self._with_start(found) < worth:
+                    start, plan = begin, found
+                    break
+            else:
+                break
+        return start, plan
+
+    def _with_start(self, plan: Plan) -> float:
+        """A plan's cost and that of the state it begins with."""
+        error = self.cost.error(plan.first, *plan_state(plan, 0))
+        return plan.cost + self.cost.value(plan.first, error, plan.qpos[0])
+
+    def backward(
+        self, plan: Plan, slopes: list[Array], damping: float
+    ) -> tuple[Array, Array, KnotCost]:
+        """Open-loop change k (H, nu), feedback K (H, nu, 2 nv), and the cost to go at the start.
 
         `damping` adds so many times the state's price to every change of the states: a step
         stays where the `slopes` hold.
@@ -204,7 +240,7 @@ class Planner:
             mixed = K.T @ cross
             bend = hessian[: 2 * nv, : 2 * nv] + mixed + mixed.T + K.T @ own @ K
             bend = 0.5 * (bend + bend.T)
-        return push, gain
+        return push, gain, KnotCost(plan.cost, slope, bend)
 
     def linearise(self, plan: Plan, k: int) -> Array:
         """(2 nv, 2 nv + nu) derivative of the next state by state and torque, over one knot."""

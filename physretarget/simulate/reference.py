@@ -40,6 +40,8 @@ class Reference:
         body: who plays it.
         settings: how.
         qpos: (K+1, nq), qvel: (K+1, nv), torque: (K+1, nu) at the knots.
+        speed_doubt: (nv,) by how much the speed at the first frame may be another: its change
+            over the clip's first frame.
         lift: m by which the clip was raised out of the floor.
         touching: geoms that come near the floor at some time of the clip.
     """
@@ -49,6 +51,7 @@ class Reference:
     qpos: Array
     qvel: Array
     torque: Array
+    speed_doubt: Array
     lift: float
     touching: Ints
     _prices: dict[int, Array] = field(default_factory=dict)
@@ -108,11 +111,24 @@ def build_reference(clip: Clip, body: Body, settings: SimulationSettings) -> Ref
     torque = _torques(near, body, settings, qpos, qvel, qacc, time)
     # MuJoCo moves the pose by the speed after a step: that of half a step before the pose's time.
     qvel -= 0.5 * settings.timestep * qacc
-    return Reference(body, settings, qpos, qvel, torque, lift, touching)
+    doubt = _speed_doubt(body, clip)
+    return Reference(body, settings, qpos, qvel, torque, doubt, lift, touching)
+
+
+def _speed_doubt(body: Body, clip: Clip) -> Array:
+    """(nv,) change of the speed between the first two intervals of a clip, 0 where it has one."""
+    model = body.model
+    speeds = np.zeros((2, model.nv))
+    if clip.frames < 3:
+        return np.zeros(model.nv)
+    for row, (one, two) in zip(speeds, ((0, 1), (1, 2)), strict=True):
+        step = float(clip.time[two] - clip.time[one])
+        mujoco.mj_differentiatePos(model, row, step, clip.qpos[one], clip.qpos[two])
+    return np.asarray(np.abs(speeds[1] - speeds[0]))
 
 
 def _interpolated(body: Body, clip: Clip, time: Array) -> Array:
-    """Cubic splines through the clip's poses; of quaternions by component, renormalised."""
+    """Natural cubic splines through the clip's poses; of quaternions by component, renormalised."""
     address = body.character.tree.quats[0]
     given = clip.qpos.copy()
     given[:, address] = continuous(given[:, address])
@@ -120,7 +136,7 @@ def _interpolated(body: Body, clip: Clip, time: Array) -> Array:
         at = (clip.time - clip.time[0]) / clip.duration
         qpos = np.array([np.interp(time / clip.duration, at, column) for column in given.T]).T
     else:
-        qpos = CubicSpline(clip.time - clip.time[0], given)(time)
+        qpos = CubicSpline(clip.time - clip.time[0], given, bc_type="natural")(time)
     quats = qpos[:, address]
     qpos[:, address] = quats / np.linalg.norm(quats, axis=-1, keepdims=True)
     return np.ascontiguousarray(qpos)

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, replace
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -78,7 +79,7 @@ def _simulation(clip: Clip, reference: Reference, played: Track, cpu: float) -> 
             notes=tuple(notes),
         ),
         timestep=settings.timestep,
-        qvel0=reference.qvel[0],
+        qvel0=_first_speed(reference, played),
         qfrc_applied=applied,
         gain=np.concatenate([np.zeros((0, len(body.controls), 2 * nv), np.float32), *gains]),
         gain_time=np.asarray(settings.knot * np.arange(len(torque)), np.float64),
@@ -93,6 +94,16 @@ def _simulation(clip: Clip, reference: Reference, played: Track, cpu: float) -> 
         notes=tuple(notes),
         cpu_s=cpu,
     )
+
+
+def _first_speed(reference: Reference, played: Track) -> Array:
+    """What it began with: the clip's, or within the doubt about that."""
+    if not played.pieces:
+        return np.asarray(reference.qvel[0])
+    model = reference.body.model
+    data = mujoco.MjData(model)
+    mujoco.mj_setState(model, data, played.pieces[0].before, mujoco.mjtState.mjSTATE_INTEGRATION)
+    return np.asarray(data.qvel.copy(), np.float64)
 
 
 def _parameters(settings: SimulationSettings) -> dict[str, object]:

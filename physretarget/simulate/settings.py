@@ -29,6 +29,13 @@ class SimulationSettings:
         commit: s of a plan that are played before the next is made.
         iterations: Newton steps on each window, at most.
         hard_iterations: the same on windows that cost more than ``good``.
+        stuck: cost of a window, after its Newton steps, from which on it gets other beginnings:
+            6 % of the height off throughout.
+        samples: how many of these are its torques with noise. Contacts make local minima, and Newton steps stay in one.
+        finalists: the best of them that get Newton steps of their own.
+        noise: standard deviation of that noise, in limits of the torque.
+        noise_s: seconds between its independent values, joined by splines.
+        seed: of the noise; drawn anew for every window from this and the window's first knot.
         good: cost of a window that needs no more iterations: markers, feet and the centre of mass
             3 % of the height off throughout.
         gain: relative fall of the cost below which a window is settled (measured).
@@ -67,6 +74,12 @@ class SimulationSettings:
     commit: float = 0.1
     iterations: int = 3
     hard_iterations: int = 8
+    stuck: float = 2.0
+    samples: int = 24
+    finalists: int = 2
+    noise: float = 0.02
+    noise_s: float = 0.05
+    seed: int = 0
     good: float = 0.5
     gain: float = 2e-3
     marker: float = 1.0
@@ -104,5 +117,7 @@ def settings_of(options: SimulationOptions) -> SimulationSettings:
     With a hand on the root, one iteration on a short window does.
     """
     if not options.assist:
-        return SimulationSettings(budget=options.budget)
-    return SimulationSettings(assist=True, window=0.3, iterations=1, care=(), budget=options.budget)
+        return SimulationSettings(budget=options.budget, seed=options.seed)
+    return SimulationSettings(
+        assist=True, window=0.3, iterations=1, care=(), budget=options.budget, seed=options.seed
+    )

@@ -66,8 +66,10 @@ def _forces(model: mujoco.MjModel) -> dict[int, tuple[float, float]]:
 def gravity_torques(character: Character) -> Array:
     """(nv,) N m (N for slides): what it takes to hold the body up through each joint.
 
-    The larger of two: the weights of all that the joint carries, held out straight; and for limbs
-    that end on the floor in the reference pose, the whole weight at the limb's length.
+    The weights of all that the joint carries, held out straight. Where the whole body hangs on a
+    limb it is the whole weight at the limb's length, if that is more: a limb that ends on the floor
+    in the reference pose bears the body, and where the root itself stands there, as a desk lamp's,
+    the limb is what throws it.
     """
     model, weight = character.model, character.weight
     gravity = float(np.linalg.norm(model.opt.gravity))
@@ -75,6 +77,7 @@ def gravity_torques(character: Character) -> Array:
     data.qpos[:] = character.reference_qpos
     mujoco.mj_kinematics(model, data)
     stands = _standing(character, data)
+    footed = bool(stands[character.root_body])
     torque = np.zeros(model.nv)
     for dof in range(model.nv):
         joint, body = int(model.dof_jntid[dof]), int(model.dof_bodyid[dof])
@@ -87,7 +90,7 @@ def gravity_torques(character: Character) -> Array:
             continue
         reach = np.linalg.norm(data.xipos[carried] - data.xanchor[joint], axis=1)
         torque[dof] = gravity * float(mass @ reach)
-        legs = carried[stands[carried]]
+        legs = carried if footed else carried[stands[carried]]
         if len(legs):
             far = np.linalg.norm(data.xipos[legs] - data.xanchor[joint], axis=1).max()
             torque[dof] = max(torque[dof], weight * float(far))

@@ -14,6 +14,7 @@ from typing import Literal
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from physretarget.kinematics.pose import trajectories
 from physretarget.simulate.plan import Plan, Planner
@@ -151,9 +152,14 @@ class _Tracker:
         if plan is None:
             self._restore(before)
             return None
+        if knot == 0 and iterations > 1:
+            before, plan = self.planner.quicken(before, plan, iterations)
+            self._restore(before)
         plan = self.planner.improve(
             before, plan, iterations, settings.hard_iterations if iterations > 1 else 0
         )
+        if iterations > 1 and plan.cost > settings.stuck:
+            plan = self._others(before, plan, iterations)
         piece = self._play(before, plan, min(knot + round(settings.commit / settings.knot), last))
         gone = np.flatnonzero(marker_errors(reference, piece.qpos, piece.first) >= settings.lost)
         if not len(gone):
@@ -171,6 +177,31 @@ class _Tracker:
                 if plan is not None:
                     return plan
         return None
+
+    def _others(self, before: Array, plan: Plan, iterations: int) -> Plan:
+        """The best of a plan and what Newton steps make of its noisy variants."""
+        settings, planner, last = self.settings, self.planner, plan.first + len(plan.torque)
+        found = [planner.follow(before, plan.first, last, None)]
+        for noise in self._noise(plan):
+            varied = replace(plan, torque=plan.torque + noise)
+            found.append(planner.follow(before, plan.first, last, varied, gain=plan.gain))
+        runners = sorted((each for each in found if each is not None), key=lambda each: each.cost)
+        for each in runners[: settings.finalists]:
+            better = planner.improve(before, each, iterations)
+            plan = better if better.cost < plan.cost else plan
+        return plan
+
+    def _noise(self, plan: Plan) -> Array:
+        """(samples, H, nu) smooth noise on the torques; the assist has none."""
+        settings, body = self.settings, self.reference.body
+        random = np.random.default_rng((settings.seed, plan.first, self.attempts))
+        size = np.where(np.isfinite(body.high), body.high, 0.0)
+        time = settings.knot * np.arange(len(plan.torque))
+        at = np.arange(0.0, time[-1] + 2 * settings.noise_s, settings.noise_s)
+        values = random.normal(size=(settings.samples, max(len(at), 4), len(size)))
+        at = settings.noise_s * np.arange(values.shape[1])
+        noise = CubicSpline(at, values, axis=1)(time)
+        return np.asarray(settings.noise * size * noise)
 
     def _play(self, before: Array, plan: Plan, last: int) -> Piece:
         model, data, settings = self.model, self.data, self.settings

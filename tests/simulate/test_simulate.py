@@ -24,6 +24,9 @@ from physretarget.simulate import (
     simulate,
 )
 from physretarget.simulate import track as track_module
+from physretarget.simulate.body import build_body
+from physretarget.simulate.reference import build_reference
+from physretarget.simulate.torques import gravity_torques
 from physretarget.validation import validate
 
 BOX = """
@@ -117,7 +120,7 @@ def test_the_gains_lead_back_from_a_disturbed_pose(nod: Simulation, saved: Path)
     after = follow(sim, model, start, sim["sim_qvel0"])[-1, -1] - sim["qpos"][-1, -1]
     sim["sim_gain"] = np.zeros_like(sim["sim_gain"])
     without = follow(sim, model, start, sim["sim_qvel0"])[-1, -1] - sim["qpos"][-1, -1]
-    assert abs(after) < 0.01 < 0.1 < abs(without)
+    assert abs(after) < 0.02 < 0.1 < abs(without)
 
 
 def test_a_simulation_is_a_clip_without_errors_of_dynamics(saved: Path) -> None:
@@ -266,3 +269,34 @@ def test_what_was_lost_is_tried_again_with_more_care(monkeypatch: pytest.MonkeyP
     assert failures
     assert played.survived
     assert played.measures.survived_s == pytest.approx(0.8)
+
+
+def test_what_stands_on_its_root_throws_itself_with_its_limbs() -> None:
+    """The box stands: its arm has to be able to throw the whole weight, at the arm's reach."""
+    character = _box()
+    reach = 0.1  # m from the shoulder to the arm's centre of mass
+    assert gravity_torques(character)[-1] == pytest.approx(character.weight * reach)
+
+
+def test_the_first_speed_is_open_only_where_the_clip_changes_it() -> None:
+    character = _box()
+    body = build_body(character, SimulationSettings())
+    steady, sudden = _nod(character), _nod(character)
+    steady.qpos[:, -1] = 2.0 * steady.time
+    sudden.qpos[:, -1] = np.where(sudden.time > 0.05, 2.0 * (sudden.time - 1 / 30), 0.0)
+    for clip, doubt in ((steady, 0.0), (sudden, 2.0)):
+        reference = build_reference(clip, body, SimulationSettings())
+        assert reference.speed_doubt[-1] == pytest.approx(doubt, abs=1e-9)
+        assert not reference.speed_doubt[:-1].any()
+
+
+def test_noise_is_drawn_from_the_seed() -> None:
+    """Every window counts as hard where none is good enough."""
+    character = _box()
+    clip = _nod(character, seconds=0.2)
+
+    def torques(seed: int) -> np.ndarray:
+        settings = SimulationSettings(stuck=0.0, seed=seed, iterations=2, hard_iterations=2)
+        return simulate(clip, character, settings).qfrc_applied
+
+    assert np.array_equal(torques(1), torques(1))
