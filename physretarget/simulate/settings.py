@@ -31,7 +31,8 @@ class SimulationSettings:
         hard_iterations: the same on windows that cost more than ``good``.
         stuck: cost of a window, after its Newton steps, from which on it gets other beginnings:
             6 % of the height off throughout.
-        samples: how many of these are its torques with noise. Contacts make local minima, and Newton steps stay in one.
+        samples: how many of these are its torques with noise. Contacts make local minima, and
+            Newton steps stay in one.
         finalists: the best of them that get Newton steps of their own.
         noise: standard deviation of that noise, in limits of the torque.
         noise_s: seconds between its independent values, joined by splines.
