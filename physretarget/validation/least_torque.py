@@ -13,12 +13,13 @@ with the floor's wrench fixed at what explains the frame.
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog
+from scipy.sparse import block_diag
 
 from physretarget.ground.support import Support
 from physretarget.mjcf import Character, RootWrench
@@ -31,6 +32,8 @@ Ints = NDArray[np.int64]
 Series = dict[str, NDArray[np.generic]]
 
 _EDGES = 8
+# Frames whose programmes are solved in one call.
+_AT_ONCE = 16
 _AROUND = (np.arange(_EDGES) + 0.5) * 2 * np.pi / _EDGES
 # Pyramids stand around their cones, so that what a cone can, its pyramid can.
 _COMPASS = np.stack([np.cos(_AROUND), np.sin(_AROUND)], axis=1) / np.cos(np.pi / _EDGES)
@@ -120,8 +123,12 @@ class LeastTorque:
         every = np.maximum((bare + low) / self.lower, (bare - high) / self.upper)
         worst = every.argmax(axis=1)
         share = np.maximum(every[np.arange(len(every)), worst], 0.0)
-        for t in np.flatnonzero(share > 1):
-            share[t], worst[t] = self._kindest(loads, int(t), low[t], high[t])
+        over = np.flatnonzero(share > 1)
+        data = mujoco.MjData(self.model)
+        for first in range(0, len(over), _AT_ONCE):
+            frames = over[first : first + _AT_ONCE]
+            programmes = [self._programme(data, loads, int(t), low[t], high[t]) for t in frames]
+            share[frames], worst[frames] = _least(programmes)
         return share, self.limited[worst]
 
     @property
@@ -152,13 +159,10 @@ class LeastTorque:
                 low[most > self.character.upper[joint.qpos] - near, joint.dof] = np.inf
         return low[:, self.limited], high[:, self.limited]
 
-    def _kindest(self, loads: Loads, t: int, low: Floats, high: Floats) -> tuple[float, int]:
-        """Solve the linear programme of frame ``t``: the share, and which of the limited needs it.
-
-        Unknowns: forces along rays of the floor, forces along rays of its own contacts, the share.
-        Forces count in body weights, torques in limits.
-        """
-        data = mujoco.MjData(self.model)
+    def _programme(
+        self, data: mujoco.MjData, loads: Loads, t: int, low: Floats, high: Floats
+    ) -> _Programme:
+        """The linear programme of frame ``t``."""
         data.qpos[:] = loads.qpos[t]
         mujoco.mj_kinematics(self.model, data)
         mujoco.mj_comPos(self.model, data)
@@ -166,41 +170,34 @@ class LeastTorque:
         floor, wrenches = self._floor(data, loads, t)
         turns = weight * np.concatenate([floor, self._own(data)])[:, self.limited]
         bare = loads.torque[t, self.limited]
-        above, below = np.isfinite(high), np.isfinite(low)
-        rows = np.concatenate([
-            (np.c_[-turns.T, -self.upper] / self.upper[:, None])[above],
-            (np.c_[turns.T, self.lower] / -self.lower[:, None])[below],
+        above, below = np.flatnonzero(np.isfinite(high)), np.flatnonzero(np.isfinite(low))
+        slopes = np.concatenate([
+            (turns / self.upper).T[above], (turns / self.lower).T[below]
         ])  # fmt: skip
-        bounds = np.concatenate([
-            ((high - bare) / self.upper)[above], ((bare + low) / -self.lower)[below]
+        bare = np.concatenate([
+            ((bare - high) / self.upper)[above], ((bare + low) / self.lower)[below]
         ])  # fmt: skip
-        if not len(rows):
-            return 0.0, 0
         force = loads.force[t] / weight
         wrench = np.r_[force.sum(axis=0), np.cross(loads.support.arm[t], force).sum(axis=0)]
-        equal = np.zeros((6, len(turns) + 1))
+        equal = np.zeros((6, len(turns)))
         equal[:, : len(wrenches)] = wrenches.T
-        found = linprog(
-            np.r_[np.zeros(len(turns)), 1.0], rows, bounds, equal, wrench, method="highs",
-            options={"presolve": False},
-        )  # fmt: skip
-        if found.x is None:  # The fit's own forces are within the pyramids: only by rounding.
-            return np.inf, 0
-        which = np.concatenate([np.flatnonzero(above), np.flatnonzero(below)])
-        return float(found.x[-1]), int(which[np.abs(found.ineqlin.marginals).argmax()])
+        return _Programme(slopes, bare, equal, wrench, np.concatenate([above, below]))
 
     def _floor(self, data: mujoco.MjData, loads: Loads, t: int) -> tuple[Floats, Floats]:
         """(R, nv) what unit rays of the floor do to joints, and their wrenches about the CoM."""
         points = np.flatnonzero(loads.support.mask[t])
-        arm = loads.support.arm[t, points]
-        jacobian = np.zeros((len(points), 3, self.model.nv))
-        for k, point in enumerate(points):
-            body = int(loads.support.body[t, point])
-            mujoco.mj_jac(self.model, data, jacobian[k], None, loads.com[t] + arm[k], body)
+        arm, owner = loads.support.arm[t, points], loads.support.body[t, points]
         rays = np.ones((len(points), _EDGES, 3))
         rays[..., :2] = loads.support.friction[t, points][:, None, None] * _COMPASS
+        turns = np.zeros((len(points), _EDGES, self.model.nv))
+        along, about = np.zeros((2, 3, self.model.nv))
+        for body in np.unique(owner).tolist():
+            mine = owner == body
+            mujoco.mj_jacBody(self.model, data, along, about, body)
+            place = loads.com[t] + arm[mine] - data.xpos[body]
+            turns[mine] = rays[mine] @ along + np.cross(place[:, None], rays[mine]) @ about
         wrenches = np.concatenate([rays, np.cross(arm[:, None], rays)], axis=2)
-        return (rays @ jacobian).reshape(-1, self.model.nv), wrenches.reshape(-1, 6)
+        return turns.reshape(-1, self.model.nv), wrenches.reshape(-1, 6)
 
     def _own(self, data: mujoco.MjData) -> Floats:
         """(R, nv) what unit rays between bodies of the character that touch do to its joints."""
@@ -229,3 +226,68 @@ def _swept(value: Floats) -> tuple[Floats, Floats]:
     came, goes = np.r_[step[0], step], np.r_[step, step[-1]]
     ways = np.stack([value, value - came, value + goes, value + came, value - goes])
     return ways.min(axis=0), ways.max(axis=0)
+
+
+@dataclass(frozen=True, eq=False)
+class _Programme:
+    """One frame's programme in the forces x >= 0 along R rays, in body weights:
+
+    minimise s >= 0, bare - slopes x <= s, equal x = wrench.
+
+    ``slopes`` (m, R) and ``bare`` (m,) are shares of limits, ``which`` (m,) of the limited degrees
+    of freedom they belong to.
+    """
+
+    slopes: Floats
+    bare: Floats
+    equal: Floats
+    wrench: Floats
+    which: Ints
+
+    def reached(self) -> tuple[_Programme, float, int]:
+        """What the rays change; the rest is a bound of the share (0 for none), and whose it is."""
+        some = (self.slopes != 0).any(axis=1)
+        part = replace(self, slopes=self.slopes[some], bare=self.bare[some], which=self.which[some])
+        if some.all():
+            return part, 0.0, 0
+        worst = int(np.where(some, -np.inf, self.bare).argmax())
+        return part, max(float(self.bare[worst]), 0.0), int(self.which[worst])
+
+
+def _least(programmes: list[_Programme]) -> tuple[Floats, Ints]:
+    """(F,) shares of some frames, and which of the limited needs each (F,).
+
+    Solved is the dual, whose unknowns are as few as a frame's joints: their weights l >= 0, that of
+    the bound among them, and the wrench's n,
+
+        maximise bare l + wrench n,  sum l = 1,  slopes^T l + equal^T n <= 0.
+
+    Frames have nothing in common but the call: its preparation costs more than such a programme.
+    Where one has no solution the others are solved without it.
+    """
+    parts = [p.reached() for p in programmes]
+    free, most = (-np.inf, np.inf), (0.0, np.inf)
+    bounds = [b for p, _, _ in parts for b in [most] * (len(p.bare) + 1) + [free] * 6]
+    found = linprog(
+        -np.concatenate([np.r_[p.bare, fixed, p.wrench] for p, fixed, _ in parts]),
+        block_diag(
+            [np.c_[p.slopes.T, np.zeros(p.slopes.shape[1]), p.equal.T] for p, _, _ in parts],
+            format="csc",
+        ),
+        np.zeros(sum(p.slopes.shape[1] for p, _, _ in parts)),
+        block_diag(
+            [np.r_[np.ones(len(p.bare) + 1), np.zeros(6)][None] for p, _, _ in parts], format="csc"
+        ),
+        np.ones(len(parts)), bounds=bounds, method="highs", options={"presolve": False},
+    )  # fmt: skip
+    if found.x is None:  # The fit's own forces are within the pyramids: only by rounding.
+        if len(programmes) == 1:
+            return np.array([np.inf]), np.zeros(1, dtype=np.int64)
+        alone = [_least([p]) for p in programmes]
+        return np.concatenate([s for s, _ in alone]), np.concatenate([w for _, w in alone])
+    shares, which = np.zeros(len(parts)), np.zeros(len(parts), dtype=np.int64)
+    ends = np.cumsum([len(p.bare) + 7 for p, _, _ in parts])[:-1]
+    for k, ((p, fixed, whose), x) in enumerate(zip(parts, np.split(found.x, ends), strict=True)):
+        shares[k] = np.r_[p.bare, fixed, p.wrench] @ x
+        which[k] = np.r_[p.which, whose][x[:-6].argmax()]
+    return shares, which
