@@ -45,10 +45,11 @@ _ROUNDING = 1e-15
 # Ice: a cone of no width has no inside.
 _SMOOTHEST = 1e-3
 _TOLERANCE = 1e-8
-# Most frames need fewer steps, at the price that force has; those that zigzag begin again, with
-# force that costs at least so much.
-_ITERATIONS = 30
-_AT_ONCE, _STEP_BY_STEP = (0.0,), (*np.geomspace(1e-2, 1e-7, 11).tolist(), 0.0)
+# Steps, and the least prices of force one after the other: most frames need few steps at the price
+# that force has. Those that zigzag begin again, with force that is dear first.
+_PATHS = (
+    (16, (0.0,)), (30, (1e-2, 1e-4, 0.0)), (30, (*np.geomspace(1e-2, 1e-7, 11).tolist(), 0.0)),
+)  # fmt: skip
 # Lengths that a step is tried with, (L, 1) at once: few frames are left after the first.
 _LENGTHS = [0.5 ** np.arange(a, b)[:, None] for a, b in ((0, 1), (1, 2), (2, 6), (6, 14), (14, 30))]
 _SHORTEST = 0.5**30
@@ -74,19 +75,16 @@ class ConeFit:
 class _Problem:
     """B frames and the P points of all of them, which NumPy runs through at once.
 
-    ``arm`` (3, P), ``inv`` (P,) = 1 / rho, ``friction`` (P,) and ``frame`` (P,) tell of every point
-    where it is, what force costs there, how rough it is and whose it is; ``b`` (6, B); ``slack``
-    (6, 1) is the diagonal of W^-1; ``lean`` (2, P) how cones lean, None where they stand. First
-    come the first points of all frames, then the second points of those that have one, and so on:
-    frames with more points stand before frames with fewer, so that the k-th points belong to the
-    first ``having[k]`` frames.
+    ``arm`` (3, P), ``inv`` (P,) = 1 / rho and ``friction`` (P,) tell of every point where it is,
+    what force costs there and how rough it is; ``counts`` (B,) how many of them, one frame's after
+    the other's, each frame has, at least one; ``b`` (6, B); ``slack`` (6, 1) is the diagonal of
+    W^-1; ``lean`` (2, P) how cones lean, None where they stand.
     """
 
     arm: Floats
     inv: Floats
-    frame: Ints
+    counts: Ints
     b: Floats
-    having: Ints
     friction: Floats
     slack: Floats
     lean: Floats | None
@@ -95,14 +93,15 @@ class _Problem:
         """Some of the frames."""
         if chosen.all():
             return self
-        points = np.flatnonzero(chosen[self.frame])
-        number = np.cumsum(chosen, dtype=np.int64)
-        having = number[self.having - 1]
+        points = self.points(chosen)
         return _Problem(
-            self.arm[:, points], self.inv[points], number[self.frame[points]] - 1,
-            self.b[:, chosen], having[having > 0], self.friction[points], self.slack,
-            None if self.lean is None else self.lean[:, points],
+            self.arm[:, points], self.inv[points], self.counts[chosen], self.b[:, chosen],
+            self.friction[points], self.slack, None if self.lean is None else self.lean[:, points],
         )  # fmt: skip
+
+    def points(self, chosen: Bools) -> Bools:
+        """(P,) the points of some of the frames."""
+        return np.repeat(chosen, self.counts)
 
     def priced(self, least: float) -> _Problem:
         """The problem with force that costs at least so much everywhere."""
@@ -120,20 +119,11 @@ class _Problem:
 
     def spread(self, values: Floats) -> Floats:
         """(..., B) of frames for each of their points: (..., P)."""
-        out = np.empty((*values.shape[:-1], len(self.inv)))
-        first = 0
-        for number in self.having.tolist():
-            out[..., first : first + number] = values[..., :number]
-            first += number
-        return out
+        return np.repeat(values, self.counts, axis=-1)
 
     def sum(self, values: Floats) -> Floats:
         """(..., P) summed over the points of every frame: (..., B)."""
-        first, *others = self.having.tolist()
-        total = values[..., :first].copy()
-        for number in others:
-            total[..., :number] += values[..., first : first + number]
-            first += number
+        total: Floats = np.add.reduceat(values, np.cumsum(self.counts) - self.counts, axis=-1)
         return total
 
     def forces(self, scaled: Floats) -> Floats:
@@ -187,16 +177,15 @@ def fit_forces(
     rough = np.maximum(rough, _SMOOTHEST)
     gradient = wrench / slack.T
     curved = np.tile(np.diag(1 / slack[:, 0]), (len(mask), 1, 1)) if curvature else None
-    counts = mask.sum(axis=1)
-    rows = np.argsort(-counts, kind="stable")[: np.count_nonzero(counts)]
+    rows = np.flatnonzero(mask.any(axis=1))
     iterations = 0
-    for least_prices in (_AT_ONCE, _STEP_BY_STEP):
+    for steps, least_prices in _PATHS:
         if len(rows) == 0:
             break
         problem, pick = _gathered(arm, mask, weight, wrench, rows, rough, slack, lean)
         y = _start(problem)
         for least in least_prices:
-            y, done, used = _newton(problem.priced(least), y)
+            y, done, used = _newton(problem.priced(least), y, steps)
             iterations += used
         scaled = _project(problem.seen(y), problem.inv)[0]
         force[pick] = problem.forces(scaled).T
@@ -220,14 +209,12 @@ def _gathered(
     slack: Floats,
     lean: Floats | None,
 ) -> tuple[_Problem, tuple[Ints, Ints]]:
-    """The problem of some frames, most points first, and where its points come from."""
-    counts = mask[rows].sum(axis=1)
-    columns = np.argsort(~mask[rows], axis=1, kind="stable")
-    which, frame = np.nonzero(np.arange(counts.max())[:, None] < counts)
-    pick = (rows[frame], columns[frame, which])
+    """The problem of some frames, and where its points come from: rows and columns."""
+    row, column = np.nonzero(mask[rows])
+    pick = (rows[row], column)
     problem = _Problem(
-        np.ascontiguousarray(arm[pick].T), 1 / weight[pick], frame,
-        np.ascontiguousarray(wrench[rows].T), np.bincount(which), friction[pick], slack,
+        np.ascontiguousarray(arm[pick].T), 1 / weight[pick], np.bincount(row),
+        np.ascontiguousarray(wrench[rows].T), friction[pick], slack,
         None if lean is None else np.ascontiguousarray(lean[pick].T),
     )  # fmt: skip
     return problem, pick
@@ -239,14 +226,14 @@ def _start(problem: _Problem) -> Floats:
     return y
 
 
-def _newton(problem: _Problem, y: Floats) -> tuple[Floats, Bools, int]:
+def _newton(problem: _Problem, y: Floats, steps: int) -> tuple[Floats, Bools, int]:
     """Newton steps with Armijo backtracking until the gradient vanishes."""
     y = y.copy()
     done = np.zeros(y.shape[1], dtype=bool)
     goal = _TOLERANCE * np.maximum(1.0, np.abs(problem.b).max(axis=0))
     live = np.arange(len(done))
     used = 0
-    while used < _ITERATIONS:
+    while used < steps:
         used += 1
         z = problem.seen(y[:, live])
         gradient, hessian = _derivatives(problem, y[:, live], z)
@@ -255,7 +242,7 @@ def _newton(problem: _Problem, y: Floats) -> tuple[Floats, Bools, int]:
         if not going.any():
             break
         if not going.all():
-            live, z, gradient = live[going], z[:, going[problem.frame]], gradient[:, going]
+            live, z, gradient = live[going], z[:, problem.points(going)], gradient[:, going]
             hessian, problem = hessian[:, :, going], problem.take(going)
         step = _solved(hessian, gradient)
         y[:, live] = _search(problem, y[:, live], z, step, gradient)
@@ -369,7 +356,7 @@ def _search(problem: _Problem, y: Floats, z: Floats, step: Floats, gradient: Flo
         length[rising[~still]] = tried[high.argmin(axis=0)[~still], 0]
         if not still.any():
             break
-        points = still[problem.frame]
+        points = problem.points(still)
         z, moved = z[:, points], moved[:, points]
         parts, rising, problem = parts[:, still], rising[still], problem.take(still)
     searched: Floats = y + length * step
