@@ -9,14 +9,14 @@ clip, frame for frame the same.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from physretarget import kinematics
-from physretarget.ground.undersides import bearing_solids
+from physretarget.ground.undersides import Solid, bearing_solids, lowest_heights
 from physretarget.mjcf import Character
 
 Floats = NDArray[np.float64]
@@ -74,14 +74,28 @@ class Evidence:
         Slip in units of the speed of a fall from the height of the CoM, stray and offset in that
         height, joints in radians.
         """
-        speed = np.linalg.norm(self.slip[:, :2], axis=1) / self.step
-        slipping = float(np.minimum(speed, _FASTEST_M_S).mean()) if len(speed) else 0.0
+        slipping = float(self._slipping.mean()) if len(self.slip) else 0.0
         sunk = min(abs(self.offset), self.height)
         return float(
-            slipping / np.sqrt(9.81 * self.height)
+            slipping
             + (self.spread + sunk) / self.height
             + float(np.minimum(self.beyond, 1.0).mean())
         )
+
+    @property
+    def _slipping(self) -> Floats:
+        speed = np.linalg.norm(self.slip[:, :2], axis=1) / self.step
+        shares: Floats = np.minimum(speed, _FASTEST_M_S) / np.sqrt(9.81 * self.height)
+        return shares
+
+    def bound(self, frames: int) -> float:
+        """The least badness that ``frames`` instants can have of which these are some.
+
+        Wherever they stand, stray and offset together are at least how far off the floor they are.
+        """
+        off = np.minimum(np.abs(self.lowest), self.height) / self.height
+        alone = off + np.minimum(self.beyond, 1.0)
+        return float(alone.sum() / frames + self._slipping.sum() / max(frames - 1, 1))
 
 
 def probe(poses: Callable[[int, int], Floats], frames: int, fps: float) -> tuple[Floats, float]:
@@ -91,10 +105,13 @@ def probe(poses: Callable[[int, int], Floats], frames: int, fps: float) -> tuple
     return poses(0, last)[::stride], stride / fps
 
 
-def evidence(character: Character, qpos: Floats, step: float) -> Evidence:
-    """What these poses, ``step`` s apart, say."""
+def evidence(
+    character: Character, qpos: Floats, step: float, solids: Sequence[Solid] | None = None
+) -> Evidence:
+    """What these poses, ``step`` s apart, say; ``solids`` are the character's bearing ones."""
     pose = kinematics.forward(character.tree, qpos)
-    lowest, body, local = _lowest_points(character, pose)
+    solids = bearing_solids(character) if solids is None else solids
+    lowest, body, local = _lowest_points(solids, pose)
     now, points = np.arange(len(qpos) - 1), (body[:-1], local[:-1])
     root = pose.position[:, character.root_body]
     return Evidence(
@@ -115,21 +132,22 @@ def _place(pose: kinematics.Pose, frames: Ints, body: Ints, local: Floats) -> Fl
     return place
 
 
-def _lowest_points(character: Character, pose: kinematics.Pose) -> tuple[Floats, Ints, Floats]:
+def _lowest_points(solids: Sequence[Solid], pose: kinematics.Pose) -> tuple[Floats, Ints, Floats]:
     """(n,) z of the lowest point, its body, and (n, 3) where it is in that body's frame."""
     frames = len(pose.position)
-    lowest, body = np.full(frames, np.inf), np.zeros(frames, dtype=np.int64)
-    local = np.zeros((frames, 3))
-    for solid in bearing_solids(character):
-        heights = solid.heights(pose)
-        which = heights.argmin(axis=1)
-        height = heights[np.arange(frames), which]
-        along = (pose.rotation[:, solid.body, 2] @ solid.frame) * solid.axes
+    lowest, owner = np.full(frames, np.inf), np.full(frames, -1)
+    for k, height in enumerate(lowest_heights(solids, pose).T):
+        lower = height < lowest
+        lowest[lower], owner[lower] = height[lower], k
+    body, local = np.zeros(frames, dtype=np.int64), np.zeros((frames, 3))
+    for k in np.unique(owner[owner >= 0]).tolist():
+        solid, mine = solids[k], owner == k
+        up = pose.rotation[mine, solid.body, 2]
+        along = (up @ solid.frame) * solid.axes
         size = np.linalg.norm(along, axis=1)
         below = (along * solid.axes / np.where(size > 0, size, 1.0)[:, None]) @ solid.frame.T
-        lower = height < lowest
-        lowest[lower], body[lower] = height[lower], solid.body
-        local[lower] = (solid.points[which] - below)[lower]
+        which = (up @ solid.points.T).argmin(axis=1)
+        body[mine], local[mine] = solid.body, (solid.points[which] - below)
     return lowest, body, local
 
 

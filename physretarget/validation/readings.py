@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from physretarget.ground.undersides import bearing_solids
 from physretarget.kinematics import Tree, quat_conjugate, quat_multiply
 from physretarget.kinematics.order import breadth_first
 from physretarget.mjcf import Character
@@ -55,11 +56,16 @@ def better_reading(character: Character, qpos: Floats, step: float) -> Better | 
     best: Better | None = None
     if limit <= 0:
         return None
+    solids = bearing_solids(character)
+    # What is wrong enough for a whole clip already in the quarter in its middle need not be read.
+    middle = slice(3 * len(qpos) // 8, 5 * len(qpos) // 8)
     for reading in readings(character):
         corrected = reading.correct(qpos)
         if reading.kind == "unit" and not _at_its_height(character, corrected):
             continue
-        after = evidence(character, corrected, step)
+        if evidence(character, corrected[middle], step, solids).bound(len(qpos)) >= limit:
+            continue
+        after = evidence(character, corrected, step, solids)
         if after.badness < limit:
             best, limit = Better(reading, after, before), after.badness
     return best
