@@ -24,6 +24,7 @@ COMMANDS = {
     "stream": ("stream", "Retarget frame by frame: JSON lines in, JSON lines out."),
     "keyposes": ("suggest", "Check, draw, suggest, propose and plant key poses."),
     "studio": ("studio", "Pose key poses in the browser."),
+    "character": ("character", "Make a character of a robot's file."),
     "validate": ("validate", "Judge clips, or all clips of a folder, by physics."),
     "rules": ("validate", "Explain the rules: meaning, threshold, source."),
     "inspect": ("inspect", "Audit a character, or show how a capture is read."),

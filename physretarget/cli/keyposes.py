@@ -59,7 +59,7 @@ def plant_command(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Key pose file (TOML).")],
     given: Given,
 ) -> None:
-    """Put key poses down: planted points onto the floor, and nothing in it.
+    """Put key poses down on the floor, planted points first.
 
     Each pose moves as little as it can, within the joints' limits.
     """

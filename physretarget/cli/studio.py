@@ -32,10 +32,11 @@ def studio_command(
         list[Path] | None, typer.Argument(metavar="[CAPTURE]...", help=f"{CAPTURES}.")
     ] = None,
 ) -> None:
-    """Pose key poses in the browser: every change is saved, and can be taken back.
+    """Pose key poses in the browser.
 
-    Left the actor, right the character: drag its parts, or set its joints. What to pose next is
-    suggested, and the whole take replays with what is posed so far. Ctrl-C ends it.
+    Every change is saved at once, and can be taken back. Left the actor, right the character: drag
+    its parts, or set its joints. What to pose next is suggested, and the whole take replays with
+    what is posed so far. Ctrl-C ends it.
     """
     for package in ("fastapi", "uvicorn"):
         if importlib.util.find_spec(package) is None:

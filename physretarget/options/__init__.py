@@ -34,6 +34,7 @@ from __future__ import annotations
 
 from physretarget.options.declaration import Option, build, check, option, options_of, told
 from physretarget.options.schema import (
+    CHARACTER_NEW,
     CHECK,
     CONVERT,
     FIX,
@@ -61,6 +62,7 @@ from physretarget.options.schema import (
 )
 
 __all__ = [
+    "CHARACTER_NEW",
     "CHECK",
     "CONVERT",
     "FIX",

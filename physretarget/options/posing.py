@@ -82,3 +82,19 @@ class PlantOptions:
     out: Path | None = option(
         None, help="Key pose file to write.", metavar="NEW.toml", default_text="in place"
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class NewCharacterOptions:
+    """How a robot's file becomes a character."""
+
+    out: Path = option(
+        help="The character; meshes are copied into a folder beside it.", metavar="M.xml"
+    )
+    front: Literal["+x", "-x", "+y", "-y", "+z", "-z"] | None = option(
+        None, help="Where its front is, in the root's frame.", default_text="a guess"
+    )
+    up: Literal["+z", "+y"] = option("+z", help="Where its top is, in the root's frame.")
+
+    def __post_init__(self) -> None:
+        check(self)

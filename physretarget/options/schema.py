@@ -40,6 +40,7 @@ from physretarget.options.motion import (
     SkeletonFile,
 )
 from physretarget.options.posing import (
+    NewCharacterOptions,
     PlantOptions,
     ProposeOptions,
     SheetFile,
@@ -188,11 +189,12 @@ SHEET = Schema(name="keyposes sheet", files=(CharacterFile,), here=(SheetFile,))
 SUGGEST = Schema(name="keyposes suggest", files=(CharacterFile,), here=(SuggestOptions,))
 PROPOSE = Schema(name="keyposes propose", files=(CharacterFile,), here=(ProposeOptions,))
 PLANT = Schema(name="keyposes plant", files=(CharacterFile,), here=(PlantOptions,))
+CHARACTER_NEW = Schema(name="character new", here=(NewCharacterOptions,))
 STUDIO = Schema(name="studio", files=(CharacterFile,), here=(StudioOptions,))
 
 JOBS = {each.name: each for each in (VALIDATE, RETARGET)}
 """What the service and the suite do, by the name of the kind."""
 SCHEMAS = (
     VALIDATE, LEARN, RETARGET, FORCES, INSPECT, STREAM, CONVERT, REPLAY, LIBRARY, MATCH, REDUCE,
-    CHECK, SHEET, SUGGEST, PROPOSE, PLANT, STUDIO, SIMULATE,
+    CHECK, SHEET, SUGGEST, PROPOSE, PLANT, CHARACTER_NEW, STUDIO, SIMULATE,
 )  # fmt: skip

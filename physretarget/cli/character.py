@@ -1,0 +1,38 @@
+"""character: a character from what people have."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from physretarget.cli import app
+from physretarget.cli.common import Given, command, say
+from physretarget.mjcf.authoring import author_character
+from physretarget.options import CHARACTER_NEW, build
+from physretarget.options.posing import NewCharacterOptions
+
+group = typer.Typer(
+    help="Make a character of a robot's file.",
+    epilog="Example: physretarget character new lamp.urdf --out lamp.xml",
+    no_args_is_help=True,
+)
+app.add_typer(group, name="character")
+
+
+@command(group, "new", CHARACTER_NEW, example="physretarget character new lamp.urdf --out lamp.xml")
+def new_command(
+    rig: Annotated[Path, typer.Argument(metavar="RIG", help="URDF or MJCF file.")], given: Given
+) -> None:
+    """Make a character of a URDF or a plain MJCF.
+
+    It gets a free root, a floor, contact points, a face, limits and masses.
+
+    What had to be guessed is listed; the file is meant to be corrected by hand.
+    """
+    told = build(NewCharacterOptions, given)
+    made = author_character(rig, told.out, front=told.front, up=told.up)
+    for note in made.notes:
+        say(f"{note.rstrip('.')}.")
+    say(f"{made.path}: pose it with physretarget studio --character {made.path} --keyposes …")
