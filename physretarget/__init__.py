@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from physretarget.conversion import convert
     from physretarget.keyposes import KeyPose, KeyPoseSet, load_keyposes
     from physretarget.kinetics import GroundForces, forces
+    from physretarget.mend import Fixed, fix
     from physretarget.mjcf import Character
     from physretarget.pipeline import Retargeted, RetargetSettings, retarget
     from physretarget.trained import TrainedMapper, learn
@@ -42,6 +43,7 @@ _WHERE = {
     "ActorMotion": ("capture.actor", "ActorMotion"),
     "Character": ("mjcf", "Character"),
     "Clip": ("clip", "Clip"),
+    "Fixed": ("mend", "Fixed"),
     "Finding": ("validation", "Finding"),
     "GroundForces": ("kinetics", "GroundForces"),
     "KeyPose": ("keyposes", "KeyPose"),
@@ -54,6 +56,7 @@ _WHERE = {
     "TrainedMapper": ("trained", "TrainedMapper"),
     "simulate": ("simulate", "simulate"),
     "convert": ("conversion", "convert"),
+    "fix": ("mend", "fix"),
     "forces": ("kinetics", "forces"),
     "learn": ("trained", "learn"),
     "load_capture": ("capture", "load"),
@@ -68,6 +71,7 @@ __all__ = [
     "Character",
     "Clip",
     "Finding",
+    "Fixed",
     "GroundForces",
     "KeyPose",
     "KeyPoseSet",
@@ -79,6 +83,7 @@ __all__ = [
     "TrainedMapper",
     "__version__",
     "convert",
+    "fix",
     "forces",
     "learn",
     "load_capture",

@@ -20,6 +20,7 @@ SINCE: Mapping[str, str] = {
     "physical": "contacted",
     "balanced": "contacted",
     "simulated": "balanced",
+    "after": "before",
 }
 """The stage that each begins with. Before ``placed`` a clip stands on the spot."""
 LONGEST_LAG_S = 0.2

@@ -172,7 +172,7 @@ class FixOutput:
 
     out: Path = option(help="The mended clip, an .npz file; a folder for several.", metavar="FIXED")
     report: Path | None = option(
-        None, help="Folder for pages of the clip before and after.", metavar="DIR"
+        None, help="Folder for a page with the clip before and after, side by side.", metavar="DIR"
     )
 
 

@@ -217,6 +217,7 @@ def _places(there: Array, stands: Flags, floor: float) -> Array:
     for c in range(flat.shape[1]):
         flat[:, c] = np.interp(frames, known, flat[known, c])
     placed: Array = there + flat.reshape(there.shape)
+    placed[..., 2] = np.maximum(placed[..., 2], floor)  # nothing belongs in the floor
     return placed
 
 
