@@ -139,8 +139,8 @@ def page(table: Mapping[Kind, Sequence[Cell]], names: Sequence[str]) -> str:
     head = [
         "# `fix`: planted faults\n",
         "Written by `python -m benchmarks.fix`. Three seconds of the G1 at 30 frames/s, judged "
-        "with `--profile robot --lowpass 6`. Each cell: errors before → after; change of the pose, RMS "
-        "(without what the whole body is moved by); distance of the markers from the clip without "
+        "with `--profile robot --lowpass 6`. Each cell: errors before → after; change of the pose, "
+        "RMS (without what the whole body is moved by); distance of the markers from the clip without "
         "the fault. **Bold**: no errors left and the pose changed by less than "
         f"{MOST_CM:g} cm.\n",
         "| fault | " + " | ".join(names) + " | left |",
@@ -162,8 +162,8 @@ def page(table: Mapping[Kind, Sequence[Cell]], names: Sequence[str]) -> str:
     tail = (
         f"\nOf {len(wrong)} clips in which the fault is an error {sum(c.good for c in wrong)} are "
         f"mended within {MOST_CM:g} cm; {worse} clips have more errors than before. How far a clip "
-        "slid cannot be known: where its feet first stand, they stay; and faster than it walks it seems "
-        "to stand nowhere. A joint that is turned into "
+        "slid cannot be known: where its feet first stand, they stay; and faster than it walks it "
+        "seems to stand nowhere. A joint that is turned into "
         "the body too fast (KIN005) is not turned back: which of its poses are meant is unknown.\n"
     )
     return "\n".join([*head, *rows, tail])
