@@ -140,8 +140,8 @@ def page(table: Mapping[Kind, Sequence[Cell]], names: Sequence[str]) -> str:
         "# `fix`: planted faults\n",
         "Written by `python -m benchmarks.fix`. Three seconds of the G1 at 30 frames/s, judged "
         "with `--profile robot --lowpass 6`. Each cell: errors before → after; change of the pose, "
-        "RMS (without what the whole body is moved by); distance of the markers from the clip without "
-        "the fault. **Bold**: no errors left and the pose changed by less than "
+        "RMS (without what the whole body is moved by); distance of the markers from the clip "
+        "without the fault. **Bold**: no errors left and the pose changed by less than "
         f"{MOST_CM:g} cm.\n",
         "| fault | " + " | ".join(names) + " | left |",
         "|---" * (len(names) + 2) + "|",
