@@ -46,7 +46,7 @@ def fix(clip: Clip, character: Character, *, settings: WholeBodySettings | None 
         InputError: no free root, nothing that touches a floor, or too few frames.
         SolverError: a step has no solution.
     """
-    qpos, notes = clip.qpos, ()
+    qpos, notes = clip.qpos, tuple[str, ...]()
     if character.has_root and len(qpos) >= 9:
         qpos, notes = cleaned(character, clip.qpos, clip.time)
     done = repair(character, qpos, clip.time, settings=settings)
