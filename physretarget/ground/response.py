@@ -13,6 +13,7 @@ floor that only pushes seems to pull a little on either side of a hard landing.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,13 +40,15 @@ def reach_frames(fps: float, lowpass_hz: float | None) -> int:
     return 1 + round(lobe)
 
 
+@lru_cache(maxsize=64)
 def response(fps: float, hz: float) -> Floats:
-    """(2 m + 1,) the filter's response to a shock of one frame; its sum is 1."""
+    """(2 m + 1,) the filter's response to a shock of one frame, read-only; its sum is 1."""
     half = math.ceil(_SUPPORT_PERIODS * fps / hz)
     shock = np.zeros(4 * half + 1)
     shock[2 * half] = 1.0
     smooth = sosfiltfilt(butter(2, 2 * hz / fps, output="sos"), shock, padtype=None)
     kernel: Floats = smooth[half : 3 * half + 1] / smooth[half : 3 * half + 1].sum()
+    kernel.flags.writeable = False  # every caller has the same
     return kernel
 
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import mujoco
 import numpy as np
@@ -75,6 +76,7 @@ def solids(character: Character, bodies: Sequence[int] | Ints | None = None) -> 
     return tuple(found)
 
 
+@lru_cache(maxsize=8)
 def bearing_solids(character: Character) -> tuple[Solid, ...]:
     """The geoms that can collide with the floor, all of them where none can."""
     model, found = character.model, solids(character)

@@ -99,6 +99,35 @@ def test_fit_is_optimal_to_rounding() -> None:
         assert np.abs(np.sum(slack * f, axis=1)).max() < 1e-6
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_fit_is_optimal_where_force_is_dear_and_cones_lean(seed: int) -> None:
+    """Many points, none like another, force explained first: what Newton's steps find least easily.
+    The dual slack lies in the dual cone and is orthogonal to the force."""
+    rng = np.random.default_rng(seed)
+    frames, points = 100, 40
+    arm = rng.normal(size=(frames, points, 3)) * [0.2, 0.2, 0.02] - [0, 0, 1.0]
+    mu = rng.uniform(0.1, 1.0, size=(frames, points))
+    lean = rng.normal(size=(frames, points, 2)) * 0.3
+    mask = rng.random((frames, points)) < 0.7
+    # A force that they can give, as the caller asks for, and a moment that they mostly can't.
+    up = rng.exponential(size=(frames, points, 1)) * mask[..., None] / points
+    force = np.concatenate([lean * up, up], axis=2).sum(axis=1)
+    wrench = np.hstack([force, rng.normal(size=(frames, 3)) * 0.2])
+    rho, weight = 1e-6, np.repeat([1e4, 1.0], 3)
+    fit = fit_forces(arm, mask, wrench, friction=mu, rho=rho, lean=lean, force_weight=1e4)
+    assert fit.converged.all()
+    np.testing.assert_allclose(fit.gradient, weight * fit.residual, atol=2e-4)
+    for t in range(frames):
+        force, tilt, m = fit.force[t, mask[t]], lean[t, mask[t]], mu[t, mask[t]]
+        own = np.c_[force[:, :2] - tilt * force[:, 2:], force[:, 2]]
+        pull = (map_of(arm[t, mask[t]]).T @ fit.gradient[t]).reshape(-1, 3)
+        pull[:, 2] += np.sum(tilt * pull[:, :2], axis=1)
+        slack = rho * own * np.c_[np.ones((len(m), 2)), m**2] - pull
+        assert (np.linalg.norm(own[:, :2], axis=1) <= m * own[:, 2] + 1e-9).all()
+        assert (np.linalg.norm(slack[:, :2], axis=1) * m <= slack[:, 2] + 1e-9).all()
+        assert np.abs(np.sum(slack * own, axis=1)).max() < 1e-8
+
+
 def test_forces_lie_in_their_cones_and_make_the_residual() -> None:
     _, arm, mask, wrench = random_cases(7)
     fit = fit_forces(arm, mask, wrench, friction=0.6)

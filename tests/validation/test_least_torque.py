@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.optimize import linprog
 
 from benchmarks.simulations.judge import Take, simulated
 from physretarget.clip import Clip
 from physretarget.mjcf import Character
 from physretarget.validation import Settings, validate
 from physretarget.validation.analysis import analyse
+from physretarget.validation.least_torque import _least, _Programme
 
 G = 9.81
 
@@ -106,6 +110,44 @@ def test_friction_between_the_legs_takes_load_off_the_hips() -> None:
     assert icy.measures["joint_torque_ratio_max"].value == pytest.approx(
         (9.81 - spared) / 5, rel=0.05
     )
+
+
+def programme(seed: int, rays: int = 24, rows: int = 8) -> _Programme:
+    """A programme whose wrench some forces along its rays make; every fourth row is moved by none.
+
+    Its rays are those of a floor: they press, so that no loads hold each other.
+    """
+    rng = np.random.default_rng(seed)
+    slopes = rng.normal(size=(rows, rays))
+    slopes[::4] = 0.0
+    equal = rng.normal(size=(6, rays))
+    equal[2] = 1.0
+    wrench = equal @ rng.exponential(size=rays)
+    return _Programme(slopes, 3 * rng.normal(size=rows), equal, wrench, np.arange(rows))
+
+
+def test_shares_solved_at_once_are_those_of_the_programme_itself() -> None:
+    """The twin is the primal, in the forces, one frame at a time: no gap between the two."""
+    every = [programme(seed) for seed in range(20)]
+    shares, which = _least(every)
+    for p, share, joint in zip(every, shares, which, strict=True):
+        rays = p.slopes.shape[1]
+        primal = linprog(
+            np.r_[np.zeros(rays), 1.0], np.c_[-p.slopes, -np.ones(len(p.bare))], -p.bare,
+            np.c_[p.equal, np.zeros(6)], p.wrench,
+        )  # fmt: skip
+        assert share == pytest.approx(primal.fun, abs=1e-9)
+        if share > 0:  # the joint that is named is at that share
+            assert (p.bare - p.slopes @ primal.x[:-1])[joint] == pytest.approx(share, abs=1e-9)
+
+
+def test_a_frame_without_a_solution_leaves_the_others_theirs() -> None:
+    """A floor cannot pull: the wrench of one of three frames is turned down."""
+    first, second, third = (programme(seed) for seed in range(3))
+    pulled = replace(second, wrench=-second.wrench)
+    shares, _ = _least([first, pulled, third])
+    assert shares[1] == np.inf
+    np.testing.assert_allclose(shares[[0, 2]], _least([first, third])[0], atol=1e-12)
 
 
 @pytest.mark.parametrize("subject", ["four legs", "bird"])
