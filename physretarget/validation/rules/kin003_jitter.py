@@ -32,7 +32,7 @@ import numpy as np
 
 from physretarget.options.judging import Severity
 from physretarget.validation.analysis import Analysis
-from physretarget.validation.report import Finding
+from physretarget.validation.report import Cause, Finding
 from physretarget.validation.rule import Limit, Limits, Rule, Verdict, dof_names, most_severe
 
 
@@ -43,6 +43,7 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
         return Verdict(not_covered="noise cannot be told in fewer than 11 frames")
     names = dof_names(analysis)
     found: list[Finding] = []
+    causes: list[Cause] = []
     for kind, what, unit in (
         ("position", "the root's position", "m"),
         ("rotation", "the root's rotation", "rad"),
@@ -61,6 +62,12 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
         limit = float(allowed[worst]) * (2 if severity == "error" else 1)
         joint = names[int(seen.noise_dof[worst])]
         shown, of = (1e3, "mm") if unit == "m" else (180 / np.pi, "degrees")
+        if severity == "error":
+            causes.append(Cause(
+                code=rule.code, message=f"noise of {shown * values[worst]:.3g} {of} lies on "
+                f"{what.format(joint=joint)}, from frame to frame",
+                remedy="Smooth the clip itself, or track it again", value=float(values[worst]),
+            ))  # fmt: skip
         found.append(rule.finding(
             severity=severity,
             message=f"{what.format(joint=joint)} trembles from frame to frame: noise of "
@@ -71,7 +78,7 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
             body=joint if kind == "joint" else None, value=float(values[worst]), limit=limit,
             unit=unit,
         ))  # fmt: skip
-    return Verdict(findings=most_severe(found))
+    return Verdict(findings=most_severe(found), causes=tuple(causes[:1]))
 
 
 RULE = Rule(
