@@ -3,7 +3,8 @@
 What it does
 ------------
 Takes the bodies that stand flat on the floor in the reference pose, and of each how its sole is
-turned against the floor while it stands: the median over all stances, about its own axes.
+turned against the floor while it stands: the median over all stances, about its own axes. Feet of
+a body that lies or sits, its root below half of its usual height, do not stand.
 
 Why it matters
 --------------
