@@ -11,7 +11,7 @@ import typer
 
 from physretarget.cli import app
 from physretarget.cli.common import Given, command, progress, say
-from physretarget.clip import load_clip
+from physretarget.clip import Clip, load_clip
 from physretarget.files import write_file
 from physretarget.mjcf import Character
 from physretarget.options import SIMULATE, build
@@ -54,7 +54,7 @@ def simulate_command(
         say(str(told.out))
     numbers = _numbers(played)
     if told.report is not None:
-        _report(told.report, played, character, numbers)
+        _report(told.report, played, motion, character, numbers)
     text = json.dumps(numbers, indent=2) if told.format == "json" else _sentences(played)
     typer.echo(text)
     if played.ending == "interrupted":
@@ -91,13 +91,14 @@ def _sentences(played: Simulation) -> str:
 
 
 def _report(
-    folder: Path, played: Simulation, character: Character, numbers: dict[str, Any]
+    folder: Path,
+    played: Simulation,
+    clip: Clip,
+    character: Character,
+    numbers: dict[str, Any],
 ) -> None:
-    from physretarget.replay import web
-    from physretarget.replay.clip import clip_scene
-    from physretarget.validation import validate
+    from physretarget.report.simulation import render_simulation
 
     write_file(folder / "simulation.json", (json.dumps(numbers, indent=2) + "\n").encode())
-    judged = validate(played.clip, character)
-    web.write_html(clip_scene(played.clip, character, judged), folder / "index.html")
+    write_file(folder / "index.html", render_simulation(played, clip, character).encode())
     say(str(folder / "index.html"))

@@ -91,7 +91,7 @@ class Simulation:
         torque_limit: (nv,) bound of each torque, infinite for the root.
         options: fields of mjOption by name, JSON text.
         model_xml: what was simulated where it was not the character's file, else empty.
-        errors: (N + 1,) marker error at each frame, m.
+        errors: (K + 1,) marker error at the start and after each torque, m.
         ending: how it ended. lift_m: by which the clip was raised out of the floor.
         measures: numbers of all this. notes: what was assumed or changed, one sentence each.
         cpu_s: CPU-seconds that it took.

@@ -18,7 +18,8 @@ def torque_limits(character: Character, multiple: float) -> tuple[Array, Array, 
     """Bounds (nv,) of the joints' torques, N m or N, and a sentence where some were assumed.
 
     A joint's bound is the tighter one of ``actuatorfrcrange`` and the force ranges of its
-    actuators times their gears; without either it is `multiple` gravity torques.
+    actuators times their gears; without either it is `multiple` gravity torques, and what the
+    joint's own spring pulls at the farther end of its range.
     """
     model = character.model
     low, high = np.full(model.nv, -np.inf), np.full(model.nv, np.inf)
@@ -27,14 +28,14 @@ def torque_limits(character: Character, multiple: float) -> tuple[Array, Array, 
         low[dof], high[dof] = model.jnt_actfrcrange[joint]
     for dof, (least, most) in _forces(model).items():
         low[dof], high[dof] = max(low[dof], least), min(high[dof], most)
-    gravity = multiple * gravity_torques(character)
+    gravity = multiple * gravity_torques(character) + _springs(model)
     unlimited = ~np.isfinite(high)
     low[unlimited], high[unlimited] = -gravity[unlimited], gravity[unlimited]
     joints = np.isin(model.dof_bodyid, character.bodies) & (model.dof_jntid != _root(character))
     assumed = int((unlimited & joints).sum())
     told = (
         f"{assumed} of {int(joints.sum())} joint axes have no torque limit in the model: "
-        f"{multiple:g} gravity torques each"
+        f"{multiple:g} gravity torques each, and what springs pull"
         if assumed
         else ""
     )
@@ -43,6 +44,18 @@ def torque_limits(character: Character, multiple: float) -> tuple[Array, Array, 
 
 def _root(character: Character) -> int:
     return int(character.model.body_jntadr[character.root_body])
+
+
+def _springs(model: mujoco.MjModel) -> Array:
+    """(nv,) N m or N: what each hinge's or slide's spring pulls at the farther end of its range."""
+    pull = np.zeros(model.nv)
+    for joint in np.flatnonzero(model.jnt_limited):
+        if model.jnt_type[joint] < int(mujoco.mjtJoint.mjJNT_SLIDE):
+            continue
+        rest = model.qpos_spring[model.jnt_qposadr[joint]]
+        stiffness = float(np.ravel(model.jnt_stiffness[joint])[0])
+        pull[model.jnt_dofadr[joint]] = stiffness * np.abs(model.jnt_range[joint] - rest).max()
+    return pull
 
 
 def _forces(model: mujoco.MjModel) -> dict[int, tuple[float, float]]:

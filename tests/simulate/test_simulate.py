@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -14,6 +15,7 @@ from physretarget.clip import Clip, load_clip
 from physretarget.errors import InputError, UsageError
 from physretarget.mjcf import Character
 from physretarget.options.simulation import SimulationOptions
+from physretarget.report.simulation import render_simulation, simulation_scene
 from physretarget.simulate import (
     Simulation,
     SimulationSettings,
@@ -300,3 +302,54 @@ def test_noise_is_drawn_from_the_seed() -> None:
         return simulate(clip, character, settings).qfrc_applied
 
     assert np.array_equal(torques(1), torques(1))
+
+
+def test_a_spring_adds_what_it_pulls_to_the_limit() -> None:
+    """A tail held against its own spring needs more than gravity asks of it."""
+    plain, sprung = (
+        build_body(
+            _box(BOX.replace('damping="0.01"', f'damping="0.01" stiffness="{k}"')),
+            SimulationSettings(),
+        )
+        for k in (0.0, 3.0)
+    )
+    assert sprung.high[-1] - plain.high[-1] == pytest.approx(3.0 * np.pi / 2)
+
+
+def test_the_page_shows_the_clip_over_the_simulation(nod: Simulation) -> None:
+    """Two bodies in one place; where the body is lost the moment is marked."""
+    character = _box()
+    clip = _nod(character)
+    scene = simulation_scene(nod, clip, character)
+    assert [each.name for each in scene.figures] == ["simulation", "clip"]
+    gap = scene.figures[0].position[:, -1] - scene.figures[1].position[:, -1]
+    assert np.abs(gap).max() < 0.005
+    assert not scene.marks
+    lost = replace(
+        nod, ending="lost", measures=replace(nod.measures, survived_s=0.4)
+    )  # fmt: skip
+    (mark,) = simulation_scene(lost, clip, character).marks
+    assert mark.code == "SIM001"
+    assert mark.frame_first == 12
+    page = render_simulation(lost, clip, character)
+    assert "is lost at 0.40 s of 0.80 s" in page
+
+
+def test_a_walk_is_followed_from_aside_and_on_a_smoother_floor(data: Path, tmp_path: Path) -> None:
+    """5 mm aside, and friction 0.8: under the recorded gains a G1 keeps walking."""
+    model = data / "robot" / "g1_no_mesh_box_feet.xml"
+    character = Character.load(model)
+    clip = load_clip(data / "robot" / "g1_walk.csv", character=character, fps=30.0, quat="wxyz")
+    short = replace(clip, qpos=clip.qpos[:25], time=clip.time[:25], contact_active=None)
+    simulate(short, character).save(tmp_path / "SIM.npz")
+    with np.load(tmp_path / "SIM.npz") as loaded:
+        sim = dict(loaded)
+    assert (replay(sim, model_of(sim, model)) == sim["qpos"]).all()
+    for friction in (None, 0.8):
+        played = model_of(sim, model)
+        if friction is not None:
+            played.geom_friction[:, 0] = np.minimum(played.geom_friction[:, 0], friction)
+        start = sim["sim_qpos0"].copy()
+        start[0] += 0.005
+        end = follow(sim, played, start, sim["sim_qvel0"])[-1]
+        assert np.linalg.norm(end[:3] - sim["qpos"][-1, :3]) < 0.02

@@ -60,6 +60,8 @@
       emissive: color, emissiveIntensity: glow >= 0.9 ? 2.2 : 0.55 * glow,
       side: shape.kind === "mesh" ? THREE.DoubleSide : THREE.FrontSide,
       transparent: opacity < 0.999, opacity, depthWrite: opacity > 0.5,
+      // A ghost in the very place of a solid figure stays behind it instead of mottling it.
+      polygonOffset: opacity < 0.999, polygonOffsetFactor: 1, polygonOffsetUnits: 1,
     });
   }
 
