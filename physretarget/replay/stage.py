@@ -57,6 +57,19 @@ class Stage:
         mujoco.mj_camlight(self.model, self.data)
         return frame
 
+    def put(self, index: int, figure: Figure, frame: int) -> None:
+        """Put the shapes of a figure where a track of another one of the same shapes is."""
+        bodies, ids = self._mocap[index]
+        self.data.mocap_pos[ids] = figure.position[frame, bodies]
+        rotation = figure.rotation[frame, bodies]
+        self.data.mocap_quat[ids] = rotation / np.linalg.norm(rotation, axis=1, keepdims=True)
+        mujoco.mj_kinematics(self.model, self.data)
+        mujoco.mj_camlight(self.model, self.data)
+
+    def light(self, middle: Array) -> None:
+        """Let the key light go with who is seen: its shadows are sharp near its middle alone."""
+        self.data.light_xpos[0] = self.model.light_pos[0] + [middle[0], middle[1], 0.0]
+
     def offset(self, figure: Figure) -> Array:
         """Where a figure stands: at its own place on one stage, else at its real one."""
         if self.scene.layout != "stage" or len(self.figures) == 1:
@@ -226,7 +239,8 @@ def _surroundings(spec: mujoco.MjSpec, size: float) -> None:
     )
     spec.worldbody.add_light(
         type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
-        pos=[1.5 * size, 1.1 * size, 4 * size],
+        # It shines at half the height of who stands at the origin.
+        pos=[1.71 * size, 1.22 * size, 4 * size],
         dir=[-0.42, -0.3, -0.86],
         diffuse=[0.55, 0.53, 0.50],
         specular=[0.3, 0.3, 0.3],

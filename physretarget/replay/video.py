@@ -92,6 +92,7 @@ def pictures(
             picture = np.full((height, width, 3), 255, dtype=np.uint8)
             for v, view in enumerate(views):
                 camera = _camera(stage, view, followed[v][k], wide / height)
+                stage.light(followed[v][k])
                 canvas.look(stage.data, camera, stage.options(view))
                 stage.draw_over(canvas.scene, frame, view)
                 picture[:, v * wide : (v + 1) * wide] = canvas.draw()

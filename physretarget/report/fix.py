@@ -84,7 +84,7 @@ def render_fix_html(
         "fix.html.j2",
         scene,
         plots=[*findings],
-        strip=_strip(character, clips, scene, painted=painted),
+        strip=_strip(scene, painted=painted),
         context={
             "title": f"{before.name}, mended",
             "model_name": character.name,
@@ -135,10 +135,8 @@ def _deeds(
     )
 
 
-def _strip(
-    character: Character, clips: tuple[Clip, Clip], scene: Scene, *, painted: bool
-) -> dict[str, Any]:
-    time = clips[0].time
+def _strip(scene: Scene, *, painted: bool) -> dict[str, Any]:
+    time = scene.time
     part = (np.arange(STRIP_COLUMNS) + 0.5) / STRIP_COLUMNS
     times = time[0] + part * (time[-1] - time[0])
     frames = np.abs(time[:, None] - times).argmin(axis=0)
@@ -146,8 +144,8 @@ def _strip(
     if painted:
         pictures = stills(
             [
-                Row(model=character.model, qpos=clip.qpos, figure=each, frames=frames)
-                for clip, each in zip(clips, scene.figures, strict=True)
+                Row(look=name, figure=each, frames=frames)
+                for name, each in zip(NAMES, scene.figures, strict=True)
             ]
         )
     rows = [

@@ -170,12 +170,14 @@ def _stills(
     data: RetargetReport, scene: Scene, rows: list[dict[str, Any]], times: NDArray[np.float64]
 ) -> tuple[str, ...]:
     frames = np.abs(data.time[:, None] - times).argmin(axis=0)
-    motions = [data.actor_qpos, *(stage.qpos for stage in data.stages)]
-    models = [data.actor.model, *(data.character.model for _ in data.stages)]
     return stills(
         [
-            Row(model=model, qpos=qpos, figure=scene.figures[row["figure"]], frames=frames)
-            for row, model, qpos in zip(rows, models, motions, strict=True)
+            Row(
+                look="character" if row["figure"] else "actor",
+                figure=scene.figures[row["figure"]],
+                frames=frames,
+            )
+            for row in rows
         ]
     )
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from physretarget.acting import over_budget
 from physretarget.contact import Contacted
 from physretarget.momentum import Placed
 from physretarget.ocp import RootHeight
@@ -33,7 +34,7 @@ def key_numbers(result: Retargeted) -> tuple[KeyNumber, ...]:
     if result.physical is not None:
         numbers += _physical(result.physical, height)
     if result.balanced is not None:
-        numbers.append(_balanced(result.balanced, height))
+        numbers.append(_balanced(result.balanced, height, over_budget(result.acting)))
     if result.simulated is not None:
         numbers.append(_simulated(result.simulated.measures))
     return tuple(numbers)
@@ -112,7 +113,8 @@ def _bound(physical: RootHeight) -> KeyNumber:
     )
 
 
-def _balanced(balanced: WholeBody, height: float) -> KeyNumber:
+def _balanced(balanced: WholeBody, height: float, beyond: tuple[str, ...]) -> KeyNumber:
+    """Good only if the acting did not pay for it."""
     before, after = balanced.unexplained_before.mean(), balanced.unexplained_after.mean()
     moved = 100 * float(np.sqrt(np.mean(balanced.moved**2))) / height
     return KeyNumber(
@@ -121,7 +123,7 @@ def _balanced(balanced: WholeBody, height: float) -> KeyNumber:
         value=_at_least(float(after)),
         unit="BW",
         note=f"{before:.2f} BW before; pose moved by {moved:.1f} % of height",
-        good=bool(after <= BALANCED),
+        good=bool(after <= BALANCED) and not beyond,
     )
 
 

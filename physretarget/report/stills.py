@@ -7,10 +7,9 @@ browser draws in software or not at all, a row shows what MuJoCo painted while t
 from __future__ import annotations
 
 import base64
-import copy
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 
 import mujoco
@@ -19,7 +18,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from physretarget.gl import Canvas, NoRenderingError, choose_backend
-from physretarget.replay.scene import Figure
+from physretarget.replay.scene import Figure, Scene
+from physretarget.replay.stage import Stage
 
 __all__ = ["Row", "stills"]
 
@@ -30,19 +30,16 @@ WIDTH, HEIGHT = 190, 176
 QUALITY = 80
 FOVY, EYE, AIM = 28.0, np.array([1.95, -1.45, 1.05]), 0.49
 """The camera of filmstrip.js: degrees; where it stands and the height it aims at, in heights."""
-FLOOR, SKY = (0.86, 0.88, 0.91, 1.0), (238, 241, 246)
-"""As light as the page's own scene."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Row:
-    """A row of a film strip: ``figure`` of the scene, ``qpos`` (T, nq) of its ``model``.
+    """A row of a film strip: a ``figure`` of the scene; ``frames`` (K,) are those in the pictures.
 
-    ``frames`` (K,) are those in the pictures.
+    Rows with one ``look`` after the other are drawn with the shapes of the first.
     """
 
-    model: mujoco.MjModel
-    qpos: Array
+    look: str
     figure: Figure
     frames: NDArray[np.int64]
 
@@ -54,51 +51,37 @@ def stills(rows: Sequence[Row]) -> tuple[str, ...]:
     except NoRenderingError:  # then the browser's own drawing is all there is
         return tuple("" for _ in rows)
     painted: list[str] = []
-    for _, of_one_model in groupby(rows, key=lambda row: id(row.model)):
-        painted += _painted(list(of_one_model), backend)
+    for _, alike in groupby(rows, key=lambda row: row.look):
+        painted += _painted(list(alike), backend)
     return tuple(painted)
 
 
 def _painted(rows: list[Row], backend: str) -> list[str]:
-    """Rows of one model: opening OpenGL takes as long as a row."""
-    model = _small(rows[0].model)
-    data = mujoco.MjData(model)
+    """Rows that look alike: opening OpenGL takes as long as a row."""
+    stage = _stage(rows[0].figure)
     painted = []
-    with Canvas(model, WIDTH, HEIGHT, backend=backend) as canvas:
-        # Lights stand still: who walks away casts shadows in grains, or none. And they take time.
-        canvas.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = False
+    with Canvas(stage.model, WIDTH, HEIGHT, backend=backend) as canvas:
         canvas.scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
         for row in rows:
             pictures = []
             for t in row.frames:
-                data.qpos[:] = row.qpos[t]
-                mujoco.mj_forward(model, data)
-                canvas.look(data, _camera(row.figure, t))
+                stage.put(0, row.figure, int(t))
+                stage.light(row.figure.com[t])
+                canvas.look(stage.data, _camera(row.figure, int(t)))
                 pictures.append(canvas.draw())
             painted.append(_data_uri(np.concatenate(pictures, axis=1)))
     return painted
 
 
-def _small(model: mujoco.MjModel) -> mujoco.MjModel:
-    """A copy, for a character's own is never written to, with just what small pictures need."""
-    small = copy.copy(model)
-    small.vis.global_.fovy = FOVY
-    small.vis.global_.offwidth, small.vis.global_.offheight = WIDTH, HEIGHT
-    small.vis.quality.offsamples = 0  # the page shows them smaller, which smooths edges
-    small.vis.quality.shadowsize = 0
-    floor = small.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
-    small.geom_matid[floor] = -1  # as plain as the page's own, which takes its place
-    small.geom_rgba[floor] = FLOOR
-    _plain_sky(small)
-    return small
-
-
-def _plain_sky(model: mujoco.MjModel) -> None:
-    for sky in np.flatnonzero(model.tex_type == mujoco.mjtTexture.mjTEXTURE_SKYBOX):
-        first, channels = int(model.tex_adr[sky]), int(model.tex_nchannel[sky])
-        size = int(model.tex_height[sky] * model.tex_width[sky])
-        model.tex_data[first : first + size * channels].reshape(size, channels)[:, :3] = SKY
-    model.vis.rgba.haze[:3] = np.array(SKY) / 255.0
+def _stage(figure: Figure) -> Stage:
+    """The stage of films and windows, as small as a picture of a strip."""
+    seen = replace(figure, hidden=False)
+    frames = np.arange(len(figure.position), dtype=np.float64)
+    scene = Scene(title="strip", time=frames, figures=(seen,), layout="split")
+    stage = Stage(scene, width=WIDTH, height=HEIGHT)
+    stage.model.vis.global_.fovy = FOVY
+    stage.model.vis.quality.offsamples = 0  # the page shows them smaller, which smooths edges
+    return stage
 
 
 def _data_uri(picture: NDArray[np.uint8]) -> str:

@@ -9,7 +9,6 @@ import numpy as np
 from markupsafe import Markup
 
 from physretarget import __version__
-from physretarget.keyposes import actor_character_of_reference
 from physretarget.mjcf import Character
 from physretarget.replay.payload import payload, script_json
 from physretarget.replay.scene import Scene
@@ -220,12 +219,10 @@ def _strips(results: Results, characters: dict[str, Character]) -> list[dict[str
 
 def _strip(title: str, kind: str, name: str, rows: Any, times: Any) -> dict[str, Any]:
     scene = scenes.strip(title, rows, times)
-    actor = actor_character_of_reference()
     painted = stills(
         [
             Row(
-                model=(character or actor).model,
-                qpos=poses,
+                look=character.name if character else "actor",
                 figure=figure,
                 frames=np.arange(len(poses)),
             )

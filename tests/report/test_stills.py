@@ -25,16 +25,19 @@ def ball() -> Character:
     return Character.from_xml(BALL, name="ball")
 
 
-@pytest.fixture
-def row(ball: Character) -> Row:
-    """A ball that travels ten metres and hops by its own height on the way."""
+def _hop() -> np.ndarray:
+    """qpos (9, 7) of a ball that travels ten metres and hops by its own height on the way."""
     qpos = np.tile([0.0, 0, 0.1, 1, 0, 0, 0], (9, 1))
     qpos[:, 0] = np.linspace(0, 10, 9)
     qpos[4, 2] += 0.2
+    return qpos
+
+
+@pytest.fixture
+def row(ball: Character) -> Row:
     return Row(
-        model=ball.model,
-        qpos=qpos,
-        figure=figure(ball, qpos, name="ball"),
+        look="ball",
+        figure=figure(ball, _hop(), name="ball"),
         frames=np.array([0, 4, 8]),
     )
 
@@ -72,7 +75,8 @@ def test_the_camera_goes_with_the_figure_and_shows_a_hop(row: Row) -> None:
 @pytest.mark.usefixtures("renders")
 def test_rows_of_several_models_keep_their_order(row: Row) -> None:
     red = Character.from_xml(BALL.replace("0 0 1 1", "1 0 0 1"), name="red")
-    other = Row(model=red.model, qpos=row.qpos, figure=row.figure, frames=row.frames[:1])
+    qpos = np.tile([0.0, 0, 0.1, 1, 0, 0, 0], (9, 1))
+    other = Row(look="red", figure=figure(red, qpos, name="red"), frames=row.frames[:1])
     blue, painted, again = stills([row, other, row])
     assert blue == again
     assert len(_pictures(painted)) == 1
@@ -80,11 +84,22 @@ def test_rows_of_several_models_keep_their_order(row: Row) -> None:
 
 
 @pytest.mark.usefixtures("renders")
-def test_a_characters_own_model_is_left_as_it_is(ball: Character, row: Row) -> None:
-    before = ball.model.vis.global_.fovy, ball.model.geom_rgba.copy()
-    stills([row])
-    assert ball.model.vis.global_.fovy == before[0]
-    np.testing.assert_array_equal(ball.model.geom_rgba, before[1])
+def test_the_shadow_and_the_light_go_with_the_figure(row: Row) -> None:
+    """Ten metres on it looks as where it began, its shadow on the floor included."""
+    first, _, last = _pictures(stills([row])[0])
+    floor = first[-40:].mean(axis=2)  # below the ball
+    assert floor.min() < 0.85 * np.median(floor)
+    change = np.abs(first - last).mean(axis=2)  # some pixels of edges
+    assert np.quantile(change, 0.95) < 12
+    assert change.mean() < 4
+
+
+@pytest.mark.usefixtures("renders")
+def test_a_model_without_light_and_floor_is_seen_in_the_same_studio(row: Row) -> None:
+    bare = BALL.replace('<geom type="plane" size="0 0 1" rgba="1 0 0 1"/>', "")
+    character = Character.from_xml(bare, name="bare")
+    dark = Row(look="bare", figure=figure(character, _hop(), name="bare"), frames=row.frames)
+    assert stills([dark]) == stills([row])
 
 
 def test_without_opengl_there_are_none(row: Row, monkeypatch: pytest.MonkeyPatch) -> None:
