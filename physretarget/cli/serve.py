@@ -78,6 +78,10 @@ def serve_command(
         float, typer.Option("--rate", metavar="N", min=0,
             help="Requests a minute of one caller; 0: any number.")
     ] = 1200,
+    reserve: Annotated[
+        int, typer.Option("--reserve", metavar="MB", min=0,
+            help="Free disk that is kept: below it nothing is taken in and no job begins.")
+    ] = 256,
 ) -> None:  # fmt: skip
     """Judge and retarget over HTTP, with a web page.
 
@@ -94,6 +98,7 @@ def serve_command(
     local = is_loopback(host)
     settings = Settings(
         data=data, history=_history(history), workers=workers, rate=rate,
+        reserve=reserve * 2**20,
         hosts=(*(LOOPBACK if local or name else ()), *({host} if local else ()), *(name or ())),
         require_tokens=not local or bool(name),
     )  # fmt: skip

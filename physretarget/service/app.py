@@ -65,5 +65,6 @@ def create_app(service: Service) -> FastAPI:
 async def _count(service: Service) -> None:
     """Keep at hand how many jobs there are: health must not wait for the database."""
     while True:
-        await to_thread.run_sync(service.look)
+        # A database that does not answer must not keep the service from ending.
+        await to_thread.run_sync(service.look, abandon_on_cancel=True)
         await asyncio.sleep(_COUNT_S)

@@ -22,7 +22,7 @@ CODES = {
     405: "method_not_allowed", 406: "not_acceptable", 408: "timeout", 409: "conflict",
     411: "length_required", 413: "too_large", 415: "unsupported_media_type",
     421: "misdirected", 422: "invalid", 429: "too_many_requests", 500: "internal",
-    503: "unavailable",
+    503: "unavailable", 507: "insufficient_storage",
 }  # fmt: skip
 _TOLD = {
     400: "The request cannot be understood.", 401: "A valid token is missing.",
@@ -32,6 +32,7 @@ _TOLD = {
     421: "The Host header names another service.",
     422: "Something in the request is not valid.", 429: "Too many requests; see Retry-After.",
     503: "Too much at once; try again.",
+    507: "The disk is full up to the reserve; delete jobs, or make room.",
 }  # fmt: skip
 
 

@@ -75,7 +75,7 @@ def shown(job: JobRecord) -> Job:
     response_model=Job,
     responses={
         202: {"headers": {"Location": {"schema": {"type": "string"}}}},
-        **responses(404, 408, 409, 413, 415, 422, *GUARDED),
+        **responses(404, 408, 409, 413, 415, 422, 507, *GUARDED),
     },
     openapi_extra=form_body(job_form()),
 )
@@ -88,7 +88,9 @@ async def submit(
         idle=service.settings.upload_idle, rate=service.settings.upload_rate,
     )  # fmt: skip
     idempotency = f"{caller.id}:{key}" if key else None
-    async with received(request, service.home.incoming, bounds) as form:
+    async with received(
+        request, service.home.incoming, bounds, reserve=service.settings.reserve
+    ) as form:
         drafted = await to_thread.run_sync(draft, form, service, caller.owner)
         known = await to_thread.run_sync(service.queue.find, idempotency) if idempotency else None
         if known is None:

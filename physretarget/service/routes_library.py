@@ -44,7 +44,9 @@ async def add_clip(
     request: Request, response: Response, service: ServiceOf, caller: Submitter
 ) -> Clip:
     """Upload a clip or a capture, to be used by any number of jobs."""
-    async with received(request, service.home.incoming, _bounds(service)) as form:
+    async with received(
+        request, service.home.incoming, _bounds(service), reserve=service.settings.reserve
+    ) as form:
         upload = form.file("file")
         if upload is None:
             raise ApiError(422, "A file is needed.", field="file")
@@ -112,7 +114,12 @@ async def add_model(
     request: Request, response: Response, service: ServiceOf, caller: Submitter
 ) -> Model:
     """Register a model; what could reach outside, or take too much, is refused."""
-    async with received(request, service.home.incoming, _bounds(service, "main", "name")) as form:
+    async with received(
+        request,
+        service.home.incoming,
+        _bounds(service, "main", "name"),
+        reserve=service.settings.reserve,
+    ) as form:
         upload = form.file("file")
         if upload is None:
             raise ApiError(422, "A file is needed.", field="file")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 from fastapi import APIRouter, Response
 from prometheus_client import CONTENT_TYPE_LATEST
 
@@ -10,22 +12,59 @@ from physretarget.options import JOBS
 from physretarget.sandbox.confine import available
 from physretarget.service.access import GUARDED, Reader, ServiceOf
 from physretarget.service.errors import responses
-from physretarget.service.schemas import Health, OptionShown, QueueHealth, Ticket, TicketRequest
+from physretarget.service.schemas import (
+    DiskHealth,
+    Health,
+    Live,
+    OptionShown,
+    QueueHealth,
+    Ticket,
+    TicketRequest,
+    TroubleShown,
+)
 
 open_router = APIRouter(tags=["system"])
 router = APIRouter(prefix="/api/v1", tags=["system"])
 
 
+@open_router.get("/health/live", response_model=Live, responses=responses(400, 421))
+async def live() -> Live:
+    """Whether the process answers: if not, start it anew."""
+    return Live(status="ok", version=__version__)
+
+
+@open_router.get(
+    "/health/ready",
+    response_model=Health,
+    responses={
+        503: {"model": Health, "description": "Send work elsewhere."},
+        **responses(400, 421),
+    },
+)
+async def ready(service: ServiceOf, response: Response) -> Health:
+    """Whether work is taken and done: if not, 503 and why."""
+    found = await health(service)
+    if found.troubles:
+        response.status_code = 503
+    return found
+
+
 @open_router.get("/health", response_model=Health, responses=responses(400, 421))
 async def health(service: ServiceOf) -> Health:
-    """Whether the service is there; asks nothing that could be slow."""
+    """What the service is doing, and what is wrong; asks nothing that could be slow."""
     workers = service.supervisor.workers
     walls = available()
+    found = service.troubles()
     return Health(
-        status="ok" if workers == service.settings.workers and service.reachable else "degraded",
+        status="degraded" if found else "ok",
+        troubles=[TroubleShown(what=each.what, message=each.message) for each in found],
+        disk=DiskHealth(free_bytes=service.free, reserve_bytes=service.settings.reserve),
+        database_age_s=round(time.monotonic() - service.looked, 1),
         version=__version__,
         queue=QueueHealth(
-            queued=service.counts.get("queued", 0), running=service.counts.get("running", 0)
+            queued=service.counts.get("queued", 0),
+            running=service.counts.get("running", 0),
+            oldest=service.oldest,
         ),
         workers=workers,
         sandbox={"landlock": walls.landlock > 0, "seccomp": walls.seccomp},

@@ -199,13 +199,38 @@ class QueueHealth(_Out):
 
     queued: int
     running: int
+    oldest: str | None = Field(default=None, description="When the oldest queued job was made.")
+
+
+class Live(_Out):
+    """The process answers."""
+
+    status: Literal["ok"]
+    version: str
+
+
+class DiskHealth(_Out):
+    """Free disk, and how much of it is kept."""
+
+    free_bytes: int
+    reserve_bytes: int
+
+
+class TroubleShown(_Out):
+    """Something that keeps work from being taken or done."""
+
+    what: Literal["disk", "database", "workers"]
+    message: str
 
 
 class Health(_Out):
-    """The service is there."""
+    """What the service is doing."""
 
     status: Literal["ok", "degraded"]
     version: str
+    troubles: list[TroubleShown] = Field(description="Empty where all is well.")
+    disk: DiskHealth
+    database_age_s: float = Field(description="Since the last good look at the database.")
     queue: QueueHealth
     workers: int
     sandbox: dict[str, bool]

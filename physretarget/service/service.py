@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import threading
+import time
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -17,6 +18,7 @@ from physretarget.service.errors import ApiError
 from physretarget.service.home import Home, remove
 from physretarget.service.metrics import Metrics
 from physretarget.service.settings import Settings
+from physretarget.service.state import Trouble, free_bytes, troubles
 from physretarget.service.supervisor import Supervisor
 from physretarget.service.tokens import Tickets, Tokens
 from physretarget.service.uploads import Upload
@@ -57,10 +59,12 @@ class Service:
         self.supervisor = Supervisor(
             self.queue, self.home, self.pool, limits=settings.limits, workers=settings.workers,
             lease=settings.lease, heartbeat=settings.heartbeat, metrics=self.metrics,
-            released=self.release,
+            released=self.release, full=self.full,
         )  # fmt: skip
         self.counts: Mapping[str, int] = {}
         self.reachable = True
+        self.looked = time.monotonic()
+        self.oldest: str | None = None
         self.locked = self.tokens.needed
         self.stopping = False
         self.streams = 0
@@ -89,11 +93,28 @@ class Service:
         """See how many jobs there are and whether the database answers."""
         try:
             self.counts, self.locked = self.queue.counts(), self.tokens.needed
-            self.reachable = True
+            self.oldest = self.queue.oldest()
+            self.reachable, self.looked = True, time.monotonic()
         except PhysretargetError as error:
             if self.reachable:
                 log.error("the history cannot be reached: %s", error)
             self.reachable = False
+
+    @property
+    def free(self) -> int:
+        """Free disk, bytes."""
+        return free_bytes(self.home.folder)
+
+    def full(self) -> bool:
+        """Whether the disk's reserve is gone: nothing is taken in then, and no job begins."""
+        return self.free < self.settings.reserve
+
+    def troubles(self) -> list[Trouble]:
+        """Why it cannot take or do work, if so."""
+        return troubles(
+            free=self.free, reserve=self.settings.reserve, looked=self.looked,
+            reachable=self.reachable, alive=self.supervisor.workers, wanted=self.settings.workers,
+        )  # fmt: skip
 
     def stop(self) -> None:
         """Give running jobs back and let go of everything."""

@@ -72,11 +72,12 @@ class Supervisor:
         heartbeat: float,
         metrics: Metrics,
         released: Callable[[JobRecord], None],
+        full: Callable[[], bool] = lambda: False,
     ) -> None:
         self._queue, self._home, self._runner = queue, home, runner
         self._limits, self._lease, self._heartbeat = limits, lease, heartbeat
         self._metrics = metrics
-        self._released = released
+        self._released, self._full = released, full
         self._wake = threading.Condition()
         self._stopping = threading.Event()
         self._cancelled: set[str] = set()
@@ -121,7 +122,8 @@ class Supervisor:
     def _work(self, owner: str) -> None:
         while not self._stopping.is_set():
             try:
-                job = self._queue.claim(owner, self._lease)
+                # What begins on a full disk ends half done: it waits, and is no failure.
+                job = None if self._full() else self._queue.claim(owner, self._lease)
                 if job is not None:
                     self._do(job)
                     continue

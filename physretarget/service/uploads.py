@@ -24,6 +24,7 @@ from python_multipart.multipart import MultipartParser, parse_options_header
 from starlette.requests import ClientDisconnect
 
 from physretarget.service.errors import ApiError
+from physretarget.service.state import free_bytes
 
 FIELD_BYTES = 256 * 1024
 PARTS = 64
@@ -70,16 +71,20 @@ class Bounds:
 
 
 @asynccontextmanager
-async def received(request: Request, folder: Path, bounds: Bounds) -> AsyncIterator[Form]:
+async def received(
+    request: Request, folder: Path, bounds: Bounds, *, reserve: int = 0
+) -> AsyncIterator[Form]:
     """The request's form; its files are removed from ``folder`` unless they were moved away.
 
     Raises:
-        ApiError: 413 too much, 415 no form, 422 a part that has no place in it, 408 too slow.
+        ApiError: 413 too much, 415 no form, 422 a part that has no place in it, 408 too slow, 507
+            less than ``reserve`` bytes of disk would be left.
     """
     reader = _Reader(_boundary(request), folder, bounds)
     try:
         try:
             _check_length(request, bounds)
+            _check_disk(request, folder, reserve)
             await _feed(request, reader, bounds)
             form = await to_thread.run_sync(reader.form, limiter=_threads)
         except ApiError:
@@ -103,6 +108,16 @@ def _check_length(request: Request, bounds: Bounds) -> None:
     told = request.headers.get("content-length", "")
     if told.isdigit() and int(told) > _most(bounds):
         raise _too_large(bounds)
+
+
+def _check_disk(request: Request, folder: Path, reserve: int) -> None:
+    told = request.headers.get("content-length", "")
+    coming = int(told) if told.isdecimal() and len(told) < 20 else 0
+    if free_bytes(folder) - coming < reserve:
+        raise ApiError(
+            507,
+            "The service's disk is full: delete jobs or clips, or make room, and send it again.",
+        )
 
 
 def _most(bounds: Bounds) -> int:

@@ -189,6 +189,15 @@ class Queue:
             found = {str(status): int(count) for status, count in connection.execute(query)}
         return {status: found.get(status, 0) for status in STATUSES}
 
+    def oldest(self) -> str | None:
+        """When the oldest queued job was made (UTC), None where none is queued."""
+        query = sa.select(sa.func.min(jobs.c.created)).where(
+            jobs.c.home == self._home, jobs.c.status == "queued"
+        )
+        with self._store.read() as connection:
+            found = connection.execute(query).scalar()
+        return None if found is None else str(found)
+
     def cancel(self, id: str, owner: str | None = None) -> JobRecord | None:
         """Cancel a queued job at once; ask the worker of a running one to stop.
 
