@@ -1,6 +1,6 @@
 """Speed and memory of the validator on the Unitree G1 (29 joints).
 
-    python -m benchmarks.validate [DATA]
+    python -m benchmarks.validate [DATA] [--only memory speed many] [--clips 1000]
 
 Processor time, measured in one run beside the bare ``mj_inverse`` loop, since machines differ:
 all rules (aim: 8 000 frames/s on one core), the cone fit (aim: at most 5 times the loop), the peak
@@ -146,13 +146,19 @@ def main() -> None:
     beside = Path(__file__).resolve().parents[1] / ".." / "shared" / "data"
     told = os.environ.get("PHYSRETARGET_DATA", str(beside))
     parser.add_argument("data", nargs="?", type=Path, default=Path(told))
-    data = parser.parse_args().data
+    parts = ("memory", "speed", "many")  # memory first, while this process is small
+    parser.add_argument("--only", nargs="+", choices=parts, default=parts, help="some of the parts")
+    parser.add_argument("--clips", type=int, default=1000, help="how many short clips")
+    options = parser.parse_args()
+    data = options.data
     if not (data / "robot").is_dir():
         print(f"no robot clips in {data}: set PHYSRETARGET_DATA")
         return
-    memory(data)  # first, while this process is small
-    speed(data)
-    many(data)
+    print(f"load average at the start: {os.getloadavg()[0]:.1f}")
+    works = (partial(memory, data), partial(speed, data), partial(many, data, options.clips))
+    for part, work in zip(parts, works, strict=True):
+        if part in options.only:
+            work()
 
 
 if __name__ == "__main__":
