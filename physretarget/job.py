@@ -20,7 +20,12 @@ from physretarget.mjcf import Character
 from physretarget.options import JOBS, build, read
 from physretarget.options.judging import JudgingOptions, ValidationOptions
 from physretarget.options.motion import CaptureOptions, ClipOptions
-from physretarget.options.retargeting import MAPPERS, MapperOptions, MapperSource
+from physretarget.options.retargeting import (
+    MAPPERS,
+    MapperOptions,
+    MapperSource,
+    with_preset,
+)
 from physretarget.options.simulation import SimulationOptions
 from physretarget.pipeline import Retargeted, RetargetSettings, retarget
 from physretarget.simulate import settings_of as simulation_settings
@@ -96,7 +101,7 @@ def run_job(
     made = retarget(
         motion,
         mapper,
-        settings=build(RetargetSettings, given, seed=given.get("seed", 0)),
+        settings=build(RetargetSettings, with_preset(given), seed=given.get("seed", 0)),
         phases=phases,
         simulation=simulation_settings(build(SimulationOptions, given)),
         progress=lambda stage: progress(stage, 0.0),

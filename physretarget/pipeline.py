@@ -24,10 +24,10 @@ from physretarget._version import __version__
 from physretarget.acting import Acting, measure_acting, over_budget
 from physretarget.capture.actor import ActorMotion, ActorShape
 from physretarget.clip import Clip
-from physretarget.errors import InputError
+from physretarget.errors import InputError, UsageError
 from physretarget.features import features
 from physretarget.kinematics import difference, integrate, runs
-from physretarget.mapping import Mapped
+from physretarget.mapping import Mapped, SharedGPLVM
 from physretarget.mjcf import Character, actor_character
 from physretarget.mjcf.dynamics import lowpass
 from physretarget.novelty import Novelty, novelty
@@ -210,7 +210,9 @@ def retarget(
     reference = motion.on(ActorShape.reference())
 
     watch.start("map")
-    y = features(mapper.actor, reference.qpos)
+    mapper = _searching(mapper, settings)
+    own = settings.markers == "own"
+    y = features(actor, motion.qpos) if own else features(mapper.actor, reference.qpos)
     mapped = mapper.mapper.predict(y)
     mapped = replace(mapped, mean=dials.exaggerated(mapped.mean, settings.exaggerate))
     unlike = novelty(y, mapper.y, mapper.names, fps=motion.fps)
@@ -295,7 +297,13 @@ def _on_the_floor(
             )
         if run.reaches("contacted") and placed is not None and phases is not None:
             run.watch.start("contact")
-            contacted = contact.adjust(run.character, placed.qpos, run.motion.time, phases)
+            contacted = contact.adjust(
+                run.character,
+                placed.qpos,
+                run.motion.time,
+                phases,
+                settings=contact.ContactSettings(blend=run.settings.blend),
+            )
         if run.swinging and contacted is not None:
             swung = run.swing(contacted.qpos)
             contacted = replace(contacted, qpos=swung.qpos)
@@ -482,6 +490,17 @@ def _filtered(
     # The rough motion is played faster: what is between its frames is filtered afterwards.
     played, phases, notes = dials.lower_hops(motion, phases, highest)
     return smooth(played), phases, notes
+
+
+def _searching(mapper: TrainedMapper, settings: RetargetSettings) -> TrainedMapper:
+    """The mapper that searches as it is told."""
+    if settings.search == "guided":
+        return mapper
+    if not isinstance(mapper.mapper, SharedGPLVM):
+        raise UsageError(
+            f"search is 'nearest', which is for mapper sgplvm; this one is {mapper.mapper.name}."
+        )
+    return replace(mapper, mapper=mapper.mapper.as_paper())
 
 
 def _shifted(phases: contact.Phases, start: float | None) -> contact.Phases:

@@ -13,9 +13,12 @@ from physretarget.capture.actor import ActorMotion
 from physretarget.contact import Phases
 from physretarget.demo import models_folder
 from physretarget.errors import InputError, UsageError
+from physretarget.features import features
 from physretarget.keyposes import load_keyposes
 from physretarget.kinematics import trajectories
 from physretarget.mjcf import Character
+from physretarget.options import build
+from physretarget.options.retargeting import with_preset
 from physretarget.pipeline import Retargeted, RetargetSettings, retarget
 from physretarget.trained import TrainedMapper, learn
 
@@ -160,3 +163,22 @@ def test_a_range_that_is_none(span) -> None:
 def test_a_range_after_the_end(jump, mapper) -> None:
     with pytest.raises(InputError, match=r"keep is '99:100', but the clip ends at"):
         _turned(jump, mapper, keep=("99:100",))
+
+
+def test_the_papers_preset_is_the_paper_end_to_end(jump, lamp, mapper) -> None:
+    trained = learn(lamp, load_keyposes([MODELS / "lamp.keyposes.toml"], lamp))
+    settings = build(RetargetSettings, with_preset({"preset": "yamane2010", "resample": 30.0}))
+    paper = retarget(jump, trained, settings=settings)
+    assert list(paper.stages()) == ["mapped", "placed", "contacted", "physical"]
+    assert (settings.physics, settings.heading, settings.blend) == ("paper", "momentum", "paper")
+    # each frame's latent point is where the paper's search from the nearest key pose ends
+    own = features(paper.actor, paper.motion.qpos)
+    np.testing.assert_array_equal(paper.y, own)
+    found = trained.mapper.as_paper().predict(own)
+    np.testing.assert_array_equal(paper.mapped.mean, found.mean)
+    np.testing.assert_array_equal(paper.mapped.variance, found.variance)
+    assert np.abs(found.mean - trained.mapper.predict(own).mean).max() > 1e-4
+    # what is given itself wins
+    assert with_preset({"preset": "yamane2010", "until": "mapped"})["until"] == "mapped"
+    with pytest.raises(UsageError, match="search is 'nearest', which is for mapper sgplvm"):
+        retarget(jump, mapper, settings=settings)

@@ -18,7 +18,7 @@ from physretarget.job import Done, mapper_of, run_job
 from physretarget.options import LEARN, RETARGET, build
 from physretarget.options.judging import JudgingOptions
 from physretarget.options.motion import CAPTURES
-from physretarget.options.retargeting import STAGES, MapperOptions, RetargetSettings
+from physretarget.options.retargeting import STAGES, MapperOptions, RetargetSettings, with_preset
 from physretarget.pipeline import Retargeted
 from physretarget.report.retarget import write_retarget_report
 from physretarget.report.text import one_line
@@ -80,7 +80,7 @@ def _each(
 ) -> int:
     """Capture after capture; of several, those that cannot be used only set the exit code."""
     # Reading, preparing, mapping and posing come before the first stage that can be the last.
-    until = STAGES.index(build(RetargetSettings, given).until)
+    until = STAGES.index(build(RetargetSettings, with_preset(given)).until)
     steps = 4 + until + 2 * (folders[0] is not None)
     code = 0
     made: list[Path] = []

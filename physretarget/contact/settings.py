@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
-Blend = Literal["ballistic", "paper"]
+from physretarget.options.retargeting import Blend
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -163,6 +163,14 @@ class SharedGPLVM:
             self.calibration.share,
         )
 
+    def as_paper(self) -> SharedGPLVM:
+        """The same model, searched from the nearest key pose, its variance not calibrated."""
+        return replace(
+            self,
+            search=replace(self.search, guide=0.0),
+            calibration=Calibration.none(self.keys_z.shape[1]),
+        )
+
     def knowing(self, keep: NDArray[np.bool_]) -> SharedGPLVM:
         """The same kernels and latent points, a part (N,) of the key poses."""
         return replace(

@@ -33,6 +33,7 @@ job carry.
 from __future__ import annotations
 
 from physretarget.options.declaration import Option, build, check, option, options_of, told
+from physretarget.options.retargeting import with_preset
 from physretarget.options.schema import (
     CHARACTER_NEW,
     CHECK,
@@ -93,4 +94,5 @@ __all__ = [
     "options_of",
     "read",
     "told",
+    "with_preset",
 ]

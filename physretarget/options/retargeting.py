@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 from physretarget.errors import UsageError
 from physretarget.options.declaration import check, option
@@ -15,12 +15,28 @@ Stage = Literal["mapped", "placed", "contacted", "physical", "balanced", "simula
 Physics = Literal["default", "paper", "convex"]
 Solver = Literal["banded", "ipopt"]
 Heading = Literal["actor", "momentum"]
+Blend = Literal["ballistic", "paper"]
+Search = Literal["guided", "nearest"]
+Markers = Literal["reference", "own"]
+Preset = Literal["default", "yamane2010"]
 Tail = Literal["mapped", "passive"]
 MAPPERS: tuple[MapperName, ...] = get_args(MapperName)
 STAGES: tuple[Stage, ...] = get_args(Stage)
 DIALLED: tuple[Stage, ...] = ("physical", "balanced")
 """Stages whose change can be made in part: a foot that is half planted would slide."""
 LONGEST_DELAY = 5.0  # s
+PRESETS: Mapping[Preset, Mapping[str, str]] = {
+    "default": {},
+    "yamane2010": {
+        "until": "physical",
+        "physics": "paper",
+        "heading": "momentum",
+        "blend": "paper",
+        "search": "nearest",
+        "markers": "own",
+    },
+}
+"""Options of a retargeting by preset."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,6 +77,25 @@ class MapperSource(MapperOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
+class PresetOption:
+    """Several options at once."""
+
+    preset: Preset = option(
+        "default",
+        help="yamane2010: the paper end to end, its literal parameters, no later stage; options "
+        "that are given besides still count.",
+    )
+
+    def __post_init__(self) -> None:
+        check(self)
+
+
+def with_preset(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Options by name with those of the preset among them; what was given itself wins."""
+    return {**PRESETS[given.get("preset") or "default"], **given}
+
+
+@dataclass(frozen=True, kw_only=True)
 class RetargetSettings:
     """What can be set about a retargeting; read once at the edge.
 
@@ -88,6 +123,23 @@ class RetargetSettings:
     heading: Heading = option(
         "actor",
         help="What the character's facing follows: the actor's, or angular momentum (the paper).",
+        advanced=True,
+    )
+    blend: Blend = option(
+        "ballistic",
+        help="How corrections of feet go over flights: linearly, or by eq. (9) (the paper).",
+        advanced=True,
+    )
+    search: Search = option(
+        "guided",
+        help="How sgplvm finds a frame's latent point: led by a regression, or from the nearest "
+        "key pose, its variance not calibrated (the paper).",
+        advanced=True,
+    )
+    markers: Markers = option(
+        "reference",
+        help="Whose markers are mapped: the reference actor's in the actor's pose, or the actor's "
+        "own (the paper).",
         advanced=True,
     )
     tail: Tail = option(

@@ -53,6 +53,7 @@ from physretarget.options.retargeting import (
     MapperOptions,
     MapperSource,
     PhasesFile,
+    PresetOption,
     RetargetOutput,
     RetargetSettings,
     StreamOptions,
@@ -144,7 +145,14 @@ LEARN = Schema(
 RETARGET = Schema(
     name="retarget",
     files=(CharacterFile, KeyPoseFiles, SkeletonFile, PhasesFile, ConfigFile),
-    shared=(MapperSource, RetargetSettings, SimulationOptions, CaptureOptions, JudgingOptions),
+    shared=(
+        PresetOption,
+        MapperSource,
+        RetargetSettings,
+        SimulationOptions,
+        CaptureOptions,
+        JudgingOptions,
+    ),
     here=(RetargetOutput,),
 )
 FORCES = Schema(
