@@ -22,7 +22,13 @@ from physretarget.suite.compare import VERDICTS, State
 from physretarget.suite.environment import source, templates
 from physretarget.suite.records import Accepted, Entry, Run
 from physretarget.suite.store import Store
-from physretarget.suite.summaries import in_order, render_data, render_junit, render_markdown
+from physretarget.suite.summaries import (
+    headline,
+    in_order,
+    render_data,
+    render_junit,
+    render_markdown,
+)
 
 _MANIFEST = "files.json"
 _ASSETS = (
@@ -64,7 +70,7 @@ def write_site(store: Store, run: Run, entries: Sequence[Entry], out: Path) -> P
     site.put("index.html", _index(run, runs, ordered, states, pages))
     site.put("data.json", render_data(run, ordered, states, pages))
     site.put("junit.xml", render_junit(run, entries))
-    site.put("summary.md", render_markdown(run, entries))
+    site.put("summary.md", render_markdown(run, entries, states))
     site.close()
     return out / "index.html"
 
@@ -207,12 +213,10 @@ def _index(
     pages: Mapping[str, str],
 ) -> str:
     rows = [_row(entry, states.get(entry.address or ""), pages) for entry in entries]
-    judged = [s for e in entries if e.address and (s := states[e.address]).status == "ok"]
     return templates().get_template("index.html.j2").render(
         version=__version__, run=run, when=run.finished.replace("T", " ").replace("+00:00", " UTC"),
         counts=[(v, run.counts.get(v, 0)) for v in VERDICTS], total=len(entries),
-        blocking=sum(entry.blocking for entry in entries),
-        passing=sum(state.passed for state in judged), judged=len(judged),
+        head=headline(entries, states),
         first=[(e, pages[e.clip]) for e in entries if e.blocking][:_FIRST],
         trend=_trend(runs), columns=list(_COLUMNS.values()),
         cases=sorted({e.case_name for e in entries}),

@@ -3,18 +3,74 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Literal
 from xml.etree import ElementTree as Xml
 
+from physretarget.report.words import count
 from physretarget.suite.compare import VERDICTS, State
 from physretarget.suite.records import Entry, Run
 
 SCHEMA = "physretarget/suite/1"
 _SHOWN = 50
+_TONE = {"bad": "❌", "open": "🟡", "ok": "✅"}
 _MARK = {
     "errored": "💥", "worse": "🔴", "missing": "❓", "fixed": "✅", "better": "🟢", "new": "🆕",
 }  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class Headline:
+    """A run in a line: what its clips are worth before what changed.
+
+    Attributes:
+        tone: ``bad`` where something got worse, ``open`` where nothing was accepted to compare with
+            or clips fail that were accepted so, ``ok`` where all is well.
+        title: what to do, or that there is nothing.
+        change: what changed, in two or three words.
+        verdicts: clips by verdict: failed, not judged, errored, passed; those that occur.
+    """
+
+    tone: Literal["bad", "open", "ok"]
+    title: str
+    change: str
+    verdicts: tuple[tuple[str, int], ...]
+
+    @property
+    def counts(self) -> str:
+        """The verdicts in words."""
+        return ", ".join(f"{number} {verdict}" for verdict, number in self.verdicts)
+
+
+def headline(entries: Sequence[Entry], states: Mapping[str, State]) -> Headline:
+    """What a curator reads first."""
+    counts: Counter[str] = Counter()
+    for entry in entries:
+        state = states.get(entry.address or "")
+        if state is not None:
+            counts[state.judgement if state.status == "ok" else "errored"] += 1
+    order = ("failed", "not judged", "errored", "passed")
+    verdicts = tuple((verdict, counts[verdict]) for verdict in order if counts[verdict])
+    blocking = sum(entry.blocking for entry in entries)
+    failing = counts["failed"] + counts["errored"]
+    known = [entry for entry in entries if entry.baseline is not None]
+    if blocking:
+        title = f"{count(blocking, 'clip')} to look at"
+        return Headline(tone="bad", title=title, change="regressions", verdicts=verdicts)
+    if not known:
+        title = f"{count(len(entries), 'clip')}, none accepted yet"
+        return Headline(
+            tone="open", title=title, change="nothing to compare with", verdicts=verdicts
+        )
+    if failing:
+        title = f"Nothing got worse, but {count(failing, 'clip')} fail"
+        title += "s" if failing == 1 else ""
+        return Headline(tone="open", title=title, change="no regressions", verdicts=verdicts)
+    return Headline(
+        tone="ok", title="Nothing got worse", change="no regressions", verdicts=verdicts
+    )
 
 
 def render_junit(run: Run, entries: Sequence[Entry]) -> str:
@@ -46,12 +102,13 @@ def render_junit(run: Run, entries: Sequence[Entry]) -> str:
     return head + Xml.tostring(root, encoding="unicode") + "\n"
 
 
-def render_markdown(run: Run, entries: Sequence[Entry]) -> str:
-    """Counts, then every clip that changed, the worst first."""
-    blocking = sum(entry.blocking for entry in entries)
-    verdict = f"❌ {blocking} to look at" if blocking else "✅ nothing got worse"
+def render_markdown(run: Run, entries: Sequence[Entry], states: Mapping[str, State]) -> str:
+    """Verdicts, then every clip that changed, the worst first."""
+    head = headline(entries, states)
     lines = [
-        f"### {_cell(run.suite)}, run {run.id}: {verdict}",
+        f"### {_cell(run.suite)}, run {run.id}: {_TONE[head.tone]} {head.title}",
+        "",
+        f"{head.counts}." if head.verdicts else "No clip was judged.",
         "",
         f"{len(entries)} clips in {run.seconds:.0f} s, {run.done} judged anew: "
         + ", ".join(f"{run.counts[v]} {v}" for v in VERDICTS if run.counts.get(v))
@@ -81,6 +138,7 @@ def render_data(
             "id": run.id, "started": run.started, "finished": run.finished,
             "seconds": round(run.seconds, 3), "version": run.version, "judged_anew": run.done,
         },
+        "verdicts": dict(headline(entries, states).verdicts),
         "counts": {verdict: run.counts.get(verdict, 0) for verdict in VERDICTS},
         "blocking": sum(entry.blocking for entry in entries),
         "clips": [_clip(entry, states.get(entry.address or ""), pages) for entry in entries],
