@@ -18,6 +18,7 @@ from physretarget.options import REPLAY, build
 from physretarget.options.motion import ClipOptions, ReplayOptions
 from physretarget.replay import web
 from physretarget.replay.clip import clip_scene
+from physretarget.report.text import one_line
 from physretarget.validation import validate
 
 
@@ -53,7 +54,9 @@ def replay_command(
             )
         say(str(told.video))
     elif told.html is not None:
-        web.write_html(scene, told.html)
+        # A stored report is about its own thresholds: its findings are shown, no second verdict.
+        verdict = "" if findings is not None else one_line(judged)
+        web.write_html(scene, told.html, verdict=verdict, outcome=judged.verdict)
         say(str(told.html))
     elif told.web:
         web.serve(web.render(scene), port=told.port, open_browser=messages.is_terminal)

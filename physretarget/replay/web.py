@@ -44,8 +44,19 @@ def scene_json(scene: Scene) -> Markup:
     return Markup(script_json(payload(scene)))
 
 
-def render(scene: Scene, *, title: str | None = None, autoplay: bool = True) -> str:
-    """The page as text; the title and every name in the scene may be hostile."""
+def render(
+    scene: Scene,
+    *,
+    title: str | None = None,
+    autoplay: bool = True,
+    verdict: str = "",
+    outcome: str = "",
+) -> str:
+    """The page as text; the title and every name in the scene may be hostile.
+
+    With a ``verdict``, a sentence, title and verdict stand above the player; its ``outcome`` is
+    "passed", "failed" or "not judged".
+    """
     template = Environment(autoescape=True).from_string(asset("page.html.j2"))
     return template.render(
         title=title or scene.title,
@@ -54,6 +65,8 @@ def render(scene: Scene, *, title: str | None = None, autoplay: bool = True) -> 
         scripts=player_scripts(),
         scene_json=scene_json(scene),
         autoplay=autoplay,
+        verdict=verdict,
+        outcome=outcome,
     )
 
 
@@ -63,13 +76,18 @@ def write_html(
     *,
     title: str | None = None,
     autoplay: bool = True,
+    verdict: str = "",
+    outcome: str = "",
 ) -> Path:
-    """Write the page: one file, no other needed; same scene, same bytes.
+    """Write the page of :func:`render`: one file, no other needed; same scene, same bytes.
 
     Raises:
         InputError: the file cannot be written.
     """
-    write_file(path, render(scene, title=title, autoplay=autoplay).encode())
+    write_file(
+        path,
+        render(scene, title=title, autoplay=autoplay, verdict=verdict, outcome=outcome).encode(),
+    )
     return Path(path)
 
 

@@ -27,6 +27,14 @@ def test_hostile_names_stay_text(scene) -> None:
     assert page.count("<script") == page.count("</script>")
 
 
+def test_the_verdict_stands_above_the_player_with_the_clips_name(scene) -> None:
+    page = render(scene, title="<b>walk</b>", verdict="not plausible, 2 errors", outcome="failed")
+    head = page.split("<header>")[1].split("</header>")[0]
+    assert "<h1>&lt;b&gt;walk&lt;/b&gt;</h1>" in head
+    assert '<p class="failed">not plausible, 2 errors</p>' in head
+    assert "<header>" not in render(scene)
+
+
 def test_no_script_can_end_early() -> None:
     for name in ("three.min.js", "clock.js", "stage.js", "player.js", "filmstrip.js"):
         assert "</script" not in asset(name).lower()
