@@ -33,6 +33,7 @@ PRINTING = {
     "ik_contact": "Inverse kinematics and contact",
     "root_height": "Root height beside scipy's least_squares",
     "validate": "Validation beside the bare mj_inverse loop",
+    "sampling": "Simulation: iLQR beside cross-entropy over servo targets",
 }
 
 

@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 
 ONLY = (
     "lamp/others", "lamp/normal/run", "lamp/dance", "penguin/others", "penguin/normal/run",
-    "penguin/dance", "squirrel/others/walk", "squirrel/normal/run", "g1",
+    "penguin/dance", "squirrel/normal/run", "g1",
 )  # fmt: skip
 PLANTED_IN = ("penguin/others/walk", "g1/walk")
 PREDICTORS = ("unexplained_force_rms_bw", "unexplained_moment_rms_bwh", "DYN errors")
@@ -209,7 +209,7 @@ def main() -> None:
     parser.add_argument(
         "--data", type=Path, default=Path(os.environ.get("PHYSRETARGET_DATA", str(beside)))
     )
-    parser.add_argument("--seconds", type=float, default=1.6)
+    parser.add_argument("--seconds", type=float, default=1.0)
     parser.add_argument("--out", type=Path)
     told = parser.parse_args()
     print(HEAD)
