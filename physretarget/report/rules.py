@@ -20,7 +20,9 @@ Written from the rules themselves by `python -m physretarget.report.rules`; the 
 is printed by `physretarget rules [CODE]`. Forces count in body weights (BW), moments in body
 weight times CoM height in the reference pose (BW h), rates in seconds. "ours" marks thresholds
 without a published source. Limits can be set in a TOML file, see `[limits.CODE]` in
-[measures](measures.md).
+[measures](measures.md). How small a fault they find, and which causes they name, is measured in
+[planted faults](measured/planted-faults.md); what they say of exact simulations in
+[simulations](measured/simulations.md).
 """
 
 
