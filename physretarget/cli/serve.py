@@ -82,6 +82,14 @@ def serve_command(
         int, typer.Option("--reserve", metavar="MB", min=0,
             help="Free disk that is kept: below it nothing is taken in and no job begins.")
     ] = 256,
+    tls_cert: Annotated[
+        Path | None, typer.Option("--tls-cert", metavar="FILE.pem", exists=True, dir_okay=False,
+            help="Certificate, with its chain: serve https.")
+    ] = None,
+    tls_key: Annotated[
+        Path | None, typer.Option("--tls-key", metavar="FILE.pem", exists=True, dir_okay=False,
+            help="Key of the certificate, if it is not in the same file.")
+    ] = None,
 ) -> None:  # fmt: skip
     """Judge and retarget over HTTP, with a web page.
 
@@ -94,11 +102,13 @@ def serve_command(
     from physretarget.service.listen import address, is_loopback, listen
     from physretarget.service.settings import LOOPBACK, Settings
 
+    if tls_key is not None and tls_cert is None:
+        raise UsageError("--tls-key needs --tls-cert: the certificate that the key is of.")
     logs.set_up(quiet=common.messages.quiet)
     local = is_loopback(host)
     settings = Settings(
         data=data, history=_history(history), workers=workers, rate=rate,
-        reserve=reserve * 2**20,
+        reserve=reserve * 2**20, tls_cert=tls_cert, tls_key=tls_key,
         hosts=(*(LOOPBACK if local or name else ()), *({host} if local else ()), *(name or ())),
         require_tokens=not local or bool(name),
     )  # fmt: skip
@@ -109,6 +119,8 @@ def serve_command(
         from physretarget.service.server import serve
 
         url = address(listening, host)
+        if tls_cert is not None:
+            url = url.replace("http://", "https://", 1)
         serve(settings, listening, lambda: typer.echo(f"physretarget listens at {url}"))
 
 

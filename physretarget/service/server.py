@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import socket
+import ssl
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -12,6 +13,7 @@ import uvicorn
 from fastapi import FastAPI
 from uvicorn.server import HANDLED_SIGNALS
 
+from physretarget.errors import InputError
 from physretarget.service.app import create_app
 from physretarget.service.protocol import Protocol
 from physretarget.service.service import Service
@@ -29,11 +31,21 @@ def serve(settings: Settings, listening: socket.socket, ready: Callable[[], None
         InputError: the data folder or the history cannot be used.
     """
     service = Service(settings)
-    Server(configuration(create_app(service)), ready, service).run(sockets=[listening])
+    try:
+        Server(configuration(create_app(service), settings), ready, service).run(
+            sockets=[listening]
+        )
+    except ssl.SSLError as error:
+        service.stop()
+        raise InputError(
+            f"is no certificate with its key in PEM: {error}", path=settings.tls_cert
+        ) from error
 
 
-def configuration(app: FastAPI) -> uvicorn.Config:
+def configuration(app: FastAPI, settings: Settings | None = None) -> uvicorn.Config:
     """How uvicorn is to serve the application."""
+    cert = settings.tls_cert if settings else None
+    key = settings.tls_key if settings else None
     return uvicorn.Config(
         app,
         log_config=None,
@@ -45,6 +57,8 @@ def configuration(app: FastAPI) -> uvicorn.Config:
         h11_max_incomplete_event_size=_HEADER_BYTES,
         http=Protocol,
         ws="none",
+        ssl_certfile=cert,
+        ssl_keyfile=key,
     )
 
 

@@ -18,6 +18,7 @@ class Settings:
     refused, so that no page on the web can reach it by a name that it points here. Empty: any.
     ``rate`` requests per minute of one token or address, ``burst`` of them at once;
     ``stranger_rate`` those of an address without a valid token. 0: any number.
+    ``tls_cert`` and ``tls_key`` are PEM files: with them it speaks https.
     ``reserve`` of free disk is kept: below it nothing is taken in and no job begins.
     """
 
@@ -38,3 +39,5 @@ class Settings:
     upload_rate: float = 4096.0
     check_seconds: float = 30.0
     reserve: int = 256 * 2**20
+    tls_cert: Path | None = None
+    tls_key: Path | None = None

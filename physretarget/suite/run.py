@@ -5,6 +5,8 @@ Results are kept one by one as they arrive, so an interrupted run resumes by bei
 
 from __future__ import annotations
 
+import os
+import sys
 import time as clock
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
@@ -133,7 +135,18 @@ def local(workers: int) -> Execute:
 
 def _pool(workers: int) -> ProcessPoolExecutor:
     # Spawned, not forked: BLAS and MuJoCo keep threads, which a fork would cut off half-way.
-    return ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=one_thread)
+    return ProcessPoolExecutor(
+        workers, mp_context=get_context("spawn"), initializer=_begin, initargs=(os.getpid(),)
+    )
+
+
+def _begin(parent: int) -> None:
+    """A worker's first act: end when the suite does, killed with -9 too."""
+    if sys.platform == "linux":
+        from physretarget.sandbox.confine import die_with_parent
+
+        die_with_parent(parent)
+    one_thread()
 
 
 def one_thread() -> None:
