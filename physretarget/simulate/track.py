@@ -34,7 +34,7 @@ class Piece:
 
     ``before`` is the integration state it began with; ``qpos`` (n, nq) and ``qvel`` (n, nv) after
     each of its steps, ``torque`` (knots, nu) and ``gain`` (knots, nu, 2 nv);
-    ``plan`` is what it came from and the next begins with.
+    ``plan`` is what it came from and the next begins with, None once nothing can lead back here.
     """
 
     first: int
@@ -43,7 +43,7 @@ class Piece:
     qvel: Array
     torque: Array
     gain: NDArray[np.float32]
-    plan: Plan
+    plan: Plan | None
 
     @property
     def last(self) -> int:
@@ -103,6 +103,7 @@ class _Tracker:
                 piece = self._advance()
                 if piece is not None:
                     self.pieces.append(piece)
+                    self._forget()
                     self._tell()
                 elif not self._retreat():
                     ending = "lost"
@@ -115,6 +116,14 @@ class _Tracker:
     def knot(self) -> int:
         """Where the simulation is."""
         return self.pieces[-1].last if self.pieces else 0
+
+    def _forget(self) -> None:
+        """Let go of plans that no retreat comes back to: they outweigh all else that is kept."""
+        settings = self.settings
+        reach = settings.retreat * len(settings.care) / settings.commit
+        far = len(self.pieces) - int(np.ceil(reach)) - 3
+        if far >= 0:
+            self.pieces[far] = replace(self.pieces[far], plan=None)
 
     def _furthest(self) -> tuple[Piece, ...]:
         ahead = bool(self.best) and self.best[-1].last > self.knot

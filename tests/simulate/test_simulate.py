@@ -353,3 +353,16 @@ def test_a_walk_is_followed_from_aside_and_on_a_smoother_floor(data: Path, tmp_p
         start[0] += 0.005
         end = follow(sim, played, start, sim["sim_qvel0"])[-1]
         assert np.linalg.norm(end[:3] - sim["qpos"][-1, :3]) < 0.02
+
+
+def test_plans_are_kept_only_where_a_retreat_leads() -> None:
+    """What a simulation holds per second of a clip does not grow with windows' lengths."""
+    character = _box()
+    settings = SimulationSettings()
+    body = build_body(character, settings)
+    reference = build_reference(_nod(character, seconds=2.0), body, settings)
+    played = track_module.track(reference)
+    kept = [piece.plan is not None for piece in played.pieces]
+    assert len(kept) == 20
+    assert kept == sorted(kept)
+    assert 8 <= sum(kept) <= 12
