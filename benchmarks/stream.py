@@ -1,7 +1,7 @@
 """The stream: latency per frame, and how far its poses are from the batch path's.
 
     python -m benchmarks.stream [--characters penguin squirrel lamp] [--data FOLDER]
-                                [--delays 0 0.25 0.5 1] [--passes 12] [--only latency]
+                                [--delays 0 0.25 0.5 1] [--passes 12] [--only latency|travel]
 
 Prints all tables of docs/stream.md, in its order. Captures: those of the pybullet wheel, and of
 FOLDER ($PHYSRETARGET_DATA) where it is present. The stream is fed the batch path's own filtered
@@ -206,6 +206,41 @@ def _delays_in_short(apart: dict[str, dict[float, list[Apart]]], delays: list[fl
     )
 
 
+def walks(data: Path | None) -> Iterator[tuple[str, ActorMotion]]:
+    """Walks of three sources, their first seven seconds."""
+    files = [motions_folder() / "humanoid3d_walk.txt"]
+    if data is not None:
+        files += [data / "bvh/bandai/dataset-1_walk_normal_001.bvh"]
+        files += [data / f"bvh/cmu/131_0{k}.bvh" for k in (1, 2)]
+    for path in files:
+        if path.is_file():
+            motion = capture.load(path).resampled(60.0).on(ActorShape.reference())
+            yield path.stem, motion.cut(0, min(len(motion.time), 421) - 1)
+
+
+def _travel(characters: list[str], data: Path | None) -> None:
+    """How far walks come, from the first frame to the last: stream, batch path and its placing."""
+    rows = []
+    for name in characters:
+        mapper = learned(name)
+        at = mapper.character.root_qpos
+        for walk, motion in walks(data):
+            batch = retarget(motion, mapper, settings=RetargetSettings(until="contacted"))
+            assert batch.placed is not None
+            posed, _ = streamed(mapper, batch, 0.0)
+            ways = [
+                float(np.linalg.norm(qpos[-1, at : at + 2] - qpos[0, at : at + 2]))
+                for qpos in (np.array([p.qpos for p in posed]), batch.clip.qpos, batch.placed.qpos)
+            ]
+            shape = float(np.median(compared(posed, batch).shape))
+            rows.append(
+                [name, walk, *(f"{way:.2f}" for way in ways), f"{100 * ways[0] / ways[1] - 100:+.0f}",
+                 f"{shape:.1f}"]
+            )  # fmt: skip
+    _print(["character", "walk", "stream, m", "batch, m", "placed, m", "stream : batch, %",
+            "shape, %"], rows)  # fmt: skip
+
+
 def main() -> None:
     """All tables."""
     options = argparse.ArgumentParser(description=__doc__)
@@ -213,8 +248,11 @@ def main() -> None:
     options.add_argument("--data", type=Path, default=os.environ.get("PHYSRETARGET_DATA"))
     options.add_argument("--delays", nargs="+", type=float, default=[0.0, 0.25, 0.5, 1.0])
     options.add_argument("--passes", type=int, default=12)
-    options.add_argument("--only", choices=["latency"])
+    options.add_argument("--only", choices=["latency", "travel"])
     told = options.parse_args()
+    if told.only == "travel":
+        _travel(told.characters, Path(told.data) if told.data else None)
+        return
     motions = dict(captures(Path(told.data) if told.data else None))
     if told.only:
         motions = {name: motion for name, motion in motions.items() if name in TIMED}
