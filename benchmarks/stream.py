@@ -234,8 +234,8 @@ def _travel(characters: list[str], data: Path | None) -> None:
             ]
             shape = float(np.median(compared(posed, batch).shape))
             rows.append(
-                [name, walk, *(f"{way:.2f}" for way in ways), f"{100 * ways[0] / ways[1] - 100:+.0f}",
-                 f"{shape:.1f}"]
+                [name, walk, *(f"{way:.2f}" for way in ways),
+                 f"{100 * ways[0] / ways[1] - 100:+.0f}", f"{shape:.1f}"]
             )  # fmt: skip
     _print(["character", "walk", "stream, m", "batch, m", "placed, m", "stream : batch, %",
             "shape, %"], rows)  # fmt: skip
