@@ -81,6 +81,21 @@ def test_a_statue_leans_as_far_as_it_is_told(statue: Callable[[], puppets.Statue
     assert leaning.past_toe(angle) == pytest.approx(0.02, abs=1e-6)
 
 
+@pytest.mark.parametrize("statue", [puppets.biped_statue, puppets.lamp_statue])
+@pytest.mark.parametrize(
+    ("past", "severity"), [(0.005, None), (0.01, "warning"), (0.02, "warning"), (0.03, "error")]
+)
+def test_a_centimetre_past_the_toe_warns_and_three_err(
+    statue: Callable[[], puppets.Statue], past: float, severity: str | None
+) -> None:
+    leaning = statue()
+    angle = leaning.lean_for(past)
+    assert angle is not None
+    clip = clip_of(leaning.character, np.tile(leaning.pose(angle), (60, 1)), 30)
+    found = [f.severity for f in validate(clip, leaning.character).findings if f.code == "DYN005"]
+    assert found == ([severity] if severity else [])
+
+
 def test_a_statue_topples_once_its_centre_of_mass_is_past_the_toe() -> None:
     """The forward simulation agrees about where the edge is: 1 cm before it stands, beyond not."""
     statue = puppets.biped_statue()
