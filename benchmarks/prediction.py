@@ -170,7 +170,6 @@ def statistics(rows: list[Row]) -> list[str]:
     outcomes = {
         "assist": np.array([row.assist for row in rows]),
         "deviation": np.array([row.deviation for row in rows]),
-        "share of time lost": np.array([1 - row.survived for row in rows]),
         "1 - trackability": np.array([1 - row.trackability for row in rows]),
     }
     lines = [
