@@ -67,10 +67,14 @@ def library_command(
     told, rig = build(LibraryOptions, given), build(RigFile, given).rig
     out, chosen = told.out, None if rig is None else Rig.load(rig)
     previous = Library.load(out) if out.exists() else None
+    skipped: list[str] = []
     with progress("reading") as stage:
         made = Library.build(
-            paths, LibrarySettings(min_keys=told.min_keys), previous=previous, progress=stage
-        )
+            paths, LibrarySettings(min_keys=told.min_keys), previous=previous, progress=stage,
+            left_out=skipped.append,
+        )  # fmt: skip
+    for why in skipped:
+        say(f"Left out: {why}")
     made.save(out)
     lines = made.describe().splitlines()
     say(f"{out}: {lines[0]}.")

@@ -118,8 +118,11 @@ class Library:
         *,
         previous: Library | None = None,
         progress: Callable[[str], None] = lambda name: None,
+        left_out: Callable[[str], None] = lambda why: None,
     ) -> Library:
         """Read files and folders; files whose content ``previous`` already holds are not parsed.
+
+        What lies in a folder and cannot be read is left out, and ``left_out`` is told why.
 
         Raises:
             InputError: a named file is broken, or nothing with keys was found.
@@ -128,13 +131,22 @@ class Library:
         for example in previous.examples if previous else ():
             kept.setdefault(example.sha256, []).append(example)
         examples: list[Example] = []
-        for path in _files(paths):
+        given = [Path(path) for path in paths]
+        named = {path for path in given if not path.is_dir()}
+        for path in _files(given):
             progress(path.name)
             source = Source.open(path)
             if source.sha256 in kept:
                 examples += kept[source.sha256]
             else:
-                examples += cls.of(read_shots(path)).examples
+                try:
+                    shots = read_shots(path)
+                except InputError as error:
+                    if path in named:
+                        raise
+                    left_out(f"{error}")
+                    continue
+                examples += cls.of(shots).examples
         if not examples:
             raise InputError("no file with animated curves was found in the paths given.")
         wanted = settings or (previous.settings if previous else LibrarySettings())

@@ -8,6 +8,8 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from physretarget.errors import InputError, UsageError
 from physretarget.face.formats.gltf import read_gltf, write_gltf
 from physretarget.face.formats.live2d import is_live2d, read_live2d, write_live2d
@@ -128,11 +130,38 @@ def write_shot(path: str | PathLike[str], shot: Shot) -> tuple[str, ...]:
 
 
 def read_take(path: str | PathLike[str], *, fps: float | None = None) -> Take:
-    """A dense capture: Live Link Face CSV or a plain ``time,channel,…`` CSV."""
+    """A dense capture: Live Link Face CSV, a plain ``time,channel,…`` CSV, or keyed curves.
+
+    Curves are sampled at their file's frame rate, at 60 Hz where it has none.
+    """
     source = Source.open(path)
     if source.path.suffix.lower() != ".csv":
-        raise InputError("a capture is a Live Link or plain *.csv.", path=source.path)
+        return _sampled(read_shots(path), fps)
     if is_livelink(source):
         return read_livelink(source, fps=fps)
     take = read_csv(source)
     return take if fps is None else take.resampled(fps)
+
+
+_CURVES_HZ = 60.0
+
+
+def _sampled(shots: tuple[Shot, ...], fps: float | None) -> Take:
+    """The first shot that moves, as a dense take."""
+    shot = next(
+        (each for each in shots if any(len(c.keys) > 1 for c in each.curves.values())), None
+    )
+    if shot is None:
+        raise InputError("holds no curve that moves.")
+    rate = fps or shot.fps or _CURVES_HZ
+    start = min(curve.start for curve in shot.curves.values())
+    end = max(curve.end for curve in shot.curves.values())
+    time = np.arange(max(int(np.floor((end - start) * rate + 1e-6)) + 1, 2)) / rate
+    columns = [
+        curve.evaluate(np.clip(start + time, curve.start, curve.end))
+        for curve in shot.curves.values()
+    ]
+    notes: tuple[str, ...] = (f"Curves were sampled at {rate:g} Hz.",)
+    if len(shots) > 1:
+        notes += (f"Of {len(shots)} shots the first that moves is read.",)
+    return Take(shot.name, time, tuple(shot.curves), np.stack(columns, axis=1), shot.sha256, notes)

@@ -66,7 +66,7 @@ def read_livelink(
     step = float(np.median(np.diff(time)))
     slow = _NTSC if drops else 1.0
     own = _nice_rate(slow / step) / slow
-    dropped = int(np.sum(np.round(np.diff(time) / step) - 1))
+    dropped = int(np.sum(np.maximum(np.round(np.diff(time) / step) - 1, 0)))
     if dropped:
         notes.append(f"{dropped} dropped frames were filled linearly.")
     counts = f"{rate / slow:.4g} per second{' (drop-frame)' if drops else ''}"
@@ -178,7 +178,7 @@ def _timeline(
         )
     seconds = rows.seconds.copy()
     seconds[1:] += _DAY * np.cumsum(np.diff(seconds) < -_DAY / 2)  # past midnight
-    time = seconds + rows.frames / clock
+    time = _steadier(seconds, rows.frames, clock)
     if drops:
         minutes = seconds // 60
         time = (time - (minutes - minutes // 10) / 15.0) * _NTSC
@@ -191,6 +191,23 @@ def _timeline(
     if kept.sum() < 2:
         raise InputError("timecodes do not advance.", path=source.path)
     return time[kept] - time[kept][0], kept, notes
+
+
+def _steadier(
+    seconds: NDArray[np.float64], frames: NDArray[np.float64], clock: float
+) -> NDArray[np.float64]:
+    """Times with or without the frames' fractions, whichever advance more evenly.
+
+    A fraction places a row between two counts; but some recorders let it run on by itself and wrap
+    without a carry (39.999, 40.000, 41.001), where the whole numbers alone are right.
+    """
+    with_fractions, whole = seconds + frames / clock, seconds + np.floor(frames) / clock
+
+    def unevenness(time: NDArray[np.float64]) -> float:
+        steps = np.diff(time)
+        return float(np.abs(steps - np.median(steps)).max(initial=0.0))
+
+    return whole if unevenness(whole) < unevenness(with_fractions) else with_fractions
 
 
 def _nice_rate(rate: float) -> float:

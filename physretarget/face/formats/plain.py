@@ -28,6 +28,8 @@ from physretarget.face.shot import Shot, Take
 from physretarget.files import write_file
 
 FORMAT = "physretarget/curves/1"
+# Rows so many seconds apart hold no face that moves, in milliseconds up to 250 a second.
+_MILLISECONDS = 4.0
 
 
 def read_csv(path: str | PathLike[str] | Source) -> Take:
@@ -68,13 +70,17 @@ def read_csv(path: str | PathLike[str] | Source) -> Take:
 def _uniform(source: Source, header: tuple[str, ...], table: NDArray[np.float64]) -> Take:
     time = table[:, 0] - table[0, 0]
     step = float(np.median(np.diff(time)))
+    notes: tuple[str, ...] = ()
+    if step >= _MILLISECONDS:
+        notes = (f"Times are milliseconds: as seconds, rows would be {step:g} s apart.",)
+        # Rounded to whole ones, as they are, their mean distance is the better one.
+        time, step = time / 1000.0, float(time[-1]) / 1000.0 / (len(time) - 1)
     if time[-1] / step > 1_000_000:
         raise InputError("more than a million frames after resampling.", path=source.path)
-    notes: tuple[str, ...] = ()
     grid = np.asarray(step * np.arange(int(np.floor(time[-1] / step + 0.5)) + 1), np.float64)
     values = table[:, 1:]
     if len(grid) != len(time) or np.abs(grid - time).max() > 1e-3 * step:
-        notes = (f"Uneven times were resampled at {1 / step:g} Hz.",)
+        notes += (f"Uneven times were resampled at {1 / step:g} Hz.",)
         values = np.stack([np.interp(grid, time, v) for v in values.T], axis=1)
     else:
         grid = time
