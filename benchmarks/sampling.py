@@ -105,8 +105,8 @@ class Sampler:
 def main() -> None:
     """Play one clip both ways."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", type=float, default=0.8)
-    parser.add_argument("--samples", type=int, default=64)
+    parser.add_argument("--seconds", type=float, default=0.4)
+    parser.add_argument("--samples", type=int, default=32)
     told = parser.parse_args()
     one_thread(compare)(told.seconds, told.samples)
 
