@@ -13,7 +13,8 @@
 The rooms, from the top down: ``cli``, ``demo``, ``report``, ``replay``, ``validation``,
 ``pipeline``, ``kinetics``, the stages (``balance`` over ``momentum``, ``contact``, ``ocp``,
 ``ik``), ``keyposes``, ``features``, ``mapping``, ``mjcf``, ``capture`` and ``clip``,
-``kinematics``; ``face`` stands beside them. Each imports only from below.
+``kinematics``; ``face`` stands beside them. Each imports only from below. What has a room of its
+own is called there: ``physretarget.simulate.simulate``, ``physretarget.studio.Session``.
 """
 
 from __future__ import annotations
@@ -54,7 +55,6 @@ _WHERE = {
     "Retargeted": ("pipeline", "Retargeted"),
     "Settings": ("validation", "Settings"),
     "TrainedMapper": ("trained", "TrainedMapper"),
-    "simulate": ("simulate", "simulate"),
     "convert": ("conversion", "convert"),
     "fix": ("mend", "fix"),
     "forces": ("kinetics", "forces"),
@@ -90,7 +90,6 @@ __all__ = [
     "load_clip",
     "load_keyposes",
     "retarget",
-    "simulate",
     "validate",
 ]
 

@@ -66,3 +66,19 @@ def test_the_library_starts_without_its_heavy_parts() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_public_names_stay_what_they_are() -> None:
+    """A room of the same name, once imported, would take the place of a function."""
+    import importlib
+    import pkgutil
+
+    import physretarget
+
+    rooms = {each.name for each in pkgutil.iter_modules(physretarget.__path__)}
+    public = set(physretarget.__all__)
+    assert not public & rooms
+    for name in public:
+        first = getattr(physretarget, name)
+        importlib.invalidate_caches()
+        assert getattr(physretarget, name) is first
