@@ -81,6 +81,34 @@ def test_bvh_puts_every_body_where_the_model_has_it(stored, clip, lamp, tmp_path
     assert read.time[1] == pytest.approx(1 / 30)
 
 
+def test_bvh_hinges_are_one_channel_that_never_flips(tmp_path) -> None:
+    """An arm that turns twice round, and one whose axis is askew, beside a tumbling root."""
+    arm = Character.from_xml(
+        "<mujoco><compiler angle='radian'/><worldbody><body name='root'><freejoint/>"
+        "<geom size='.1'/><body name='upper' pos='0 0 .2'><joint name='a' axis='0 -1 0'/>"
+        "<geom size='.05'/><body name='lower' pos='.2 0 0'><joint name='b' axis='1 1 0'/>"
+        "<geom size='.05'/></body></body></body></worldbody></mujoco>"
+    )
+    frames = 120
+    way = np.linspace(0, 4 * np.pi, frames)
+    qpos = np.zeros((frames, arm.tree.nq))
+    qpos[:, 3], qpos[:, 4] = np.cos(way / 2), np.sin(way / 2)
+    qpos[:, 7], qpos[:, 8] = way, 0.9 * way
+    turning = Clip(qpos=qpos, time=np.arange(frames) / 60)
+    text = encode(turning, ".bvh", arm).decode()
+    assert "CHANNELS 1 Xrotation" in text
+    rows = np.loadtxt(text.split("Frame Time:")[1].splitlines()[1:])
+    assert rows.shape[1] == 6 + 1 + 3
+    np.testing.assert_allclose(np.abs(rows[:, 6]), np.degrees(way), atol=1e-5)
+    assert np.abs(np.diff(rows[:, 3:], axis=0)).max() < 90, "no channel flips by 180 degrees"
+    (tmp_path / "arm.bvh").write_text(text)
+    read = read_bvh(tmp_path / "arm.bvh", unit="cm", up="y")
+    pose = forward(arm.tree, qpos)
+    for index, name in enumerate(read.names):
+        body = arm.model.body(name).id
+        np.testing.assert_allclose(read.position[:, index], pose.position[:, body], atol=1e-5)
+
+
 def test_glb_holds_the_motion(clip, lamp, tmp_path) -> None:
     pygltflib = pytest.importorskip("pygltflib")
     (tmp_path / "a.glb").write_bytes(encode(clip, ".glb", lamp))
