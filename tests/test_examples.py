@@ -1,0 +1,98 @@
+"""The examples run, and the papers that stand beside the code say what is there."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from physretarget._version import __version__
+from physretarget.clip import Clip
+from physretarget.demo import models_folder
+from physretarget.mjcf import Character
+
+ROOT = Path(__file__).parents[1]
+EXAMPLES = ROOT / "examples"
+
+
+def run(name: str, *arguments: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, str(EXAMPLES / name), *map(str, arguments)], capture_output=True,
+        text=True, check=False, timeout=300,
+    )  # fmt: skip
+
+
+def test_a_clip_is_judged(tmp_path: Path) -> None:
+    lamp = Character.load(models_folder() / "lamp.xml")
+    still = np.tile(lamp.reference_qpos, (40, 1))
+    Clip(qpos=still, time=np.arange(40) / 30).save(tmp_path / "still.npz")
+    assert (
+        run("validate_clip.py", tmp_path / "still.npz", models_folder() / "lamp.xml").returncode
+        == 0
+    )
+    still[:, lamp.root_qpos + 2] += 0.5
+    Clip(qpos=still, time=np.arange(40) / 30).save(tmp_path / "floats.npz")
+    failed = run("validate_clip.py", tmp_path / "floats.npz", models_folder() / "lamp.xml")
+    assert failed.returncode == 1
+    assert failed.stdout.startswith("failed")
+
+
+def test_a_capture_is_retargeted(tmp_path: Path, motions: Path) -> None:
+    done = run("retarget_capture.py", motions / "humanoid3d_jump.txt", tmp_path / "jump.npz")
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "jump.npz").is_file()
+
+
+def test_an_own_character_is_posed(tmp_path: Path, motions: Path) -> None:
+    rig = tmp_path / "duck.xml"
+    rig.write_text(
+        "<mujoco><compiler angle='degree' autolimits='true'/><worldbody><body name='base'>"
+        "<geom type='box' size='.1 .08 .02' mass='2'/><body name='neck' pos='0 0 .02'>"
+        "<joint name='pitch' axis='0 1 0' range='-60 60'/>"
+        "<geom type='capsule' fromto='0 0 0 0 0 .2' size='.02' mass='.2'/>"
+        "<body name='head' pos='0 0 .2'><joint name='nod' axis='0 1 0' range='-60 60'/>"
+        "<geom type='capsule' fromto='0 0 0 .08 0 0' size='.03' mass='.1'/></body></body></body>"
+        "</worldbody></mujoco>"
+    )
+    done = run("own_character.py", rig, motions / "humanoid3d_walk.txt")
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"\d key poses; (passed|failed)", done.stdout)
+
+
+def test_every_example_is_run_here() -> None:
+    text = Path(__file__).read_text()
+    assert all(f'"{path.name}"' in text for path in EXAMPLES.glob("*.py"))
+
+
+def test_the_map_of_rooms_is_that_of_the_house() -> None:
+    rooms = {
+        path.stem
+        for path in (ROOT / "physretarget").iterdir()
+        if path.is_dir() and (path / "__init__.py").is_file()
+    }
+    text = (ROOT / "CONTRIBUTING.md").read_text()
+    named = set(re.findall(r"`(\w+)`", text))
+    assert rooms - named <= {"assets", "conversion", "groundtruth"}
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / ".github").rglob("*.yml")), ids=lambda p: p.name)
+def test_workflows_are_yaml_and_call_what_there_is(path: Path) -> None:
+    content = yaml.safe_load(path.read_text())
+    assert content["name"]
+    for job in content.get("jobs", {}).values():
+        for step in job["steps"]:
+            command = step.get("run", "")
+            if command.startswith(".ci/"):
+                assert (ROOT / command).is_file()
+            if "-m benchmarks." in command:
+                module = command.split("-m benchmarks.")[1].split()[0]
+                assert any((ROOT / "benchmarks").glob(f"{module}*"))
+
+
+def test_the_citation_has_the_version() -> None:
+    assert yaml.safe_load((ROOT / "CITATION.cff").read_text())["version"] == __version__
