@@ -96,3 +96,18 @@ def test_a_shot_in_which_nothing_moves_is_no_capture(tmp_path: Path) -> None:
     write_json(path, Shot("still", {"lid": Curve((Key(0.0, 1.0),))}, 30.0))
     with pytest.raises(InputError, match="moves"):
         read_take(path)
+
+
+def test_decimal_commas(tmp_path: Path) -> None:
+    path = tmp_path / "komma.csv"
+    rows = "".join(f"{k / 60:.4f};{np.sin(k / 5):.4f}\n".replace(".", ",") for k in range(60))
+    path.write_text(f"time;jawOpen\n{rows}")
+    take = read_take(path)
+    assert take.fps == pytest.approx(60, rel=1e-3)
+    np.testing.assert_allclose(take.channel("jawOpen"), np.sin(np.arange(60) / 5), atol=1e-3)
+
+
+@pytest.mark.parametrize("digits", [3, 5])
+def test_rounded_times_keep_their_rate(tmp_path: Path, digits: int) -> None:
+    path = plain(tmp_path / "r.csv", [round(k / 60, digits) for k in range(300)])
+    assert read_take(path).fps == pytest.approx(60, rel=1e-3)

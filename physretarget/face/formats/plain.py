@@ -30,12 +30,17 @@ from physretarget.files import write_file
 FORMAT = "physretarget/curves/1"
 # Rows so many seconds apart hold no face that moves, in milliseconds up to 250 a second.
 _MILLISECONDS = 4.0
+# Rows whose distances differ by less than this share stand evenly: whole milliseconds at 60 Hz do.
+_ROUNDED = 0.1
 
 
 def read_csv(path: str | PathLike[str] | Source) -> Take:
     """A dense take; uneven times are resampled at their median distance."""
     source = path if isinstance(path, Source) else Source.open(path)
-    reader = csv.reader(io.StringIO(source.text()))
+    text = source.text()
+    # Where the comma is a decimal one, semicolons stand between cells.
+    commas = ";" in text.partition("\n")[0]
+    reader = csv.reader(io.StringIO(text), delimiter=";" if commas else ",")
     try:
         lines = [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
     except csv.Error as error:
@@ -54,7 +59,7 @@ def read_csv(path: str | PathLike[str] | Source) -> Take:
                 line=line,
             )
         try:
-            rows.append([float(cell) for cell in row])
+            rows.append([float(cell.replace(",", ".") if commas else cell) for cell in row])
         except ValueError as error:
             raise InputError(f"not a number: {error}.", path=source.path, line=line) from error
         if not np.isfinite(rows[-1]).all():
@@ -73,8 +78,10 @@ def _uniform(source: Source, header: tuple[str, ...], table: NDArray[np.float64]
     notes: tuple[str, ...] = ()
     if step >= _MILLISECONDS:
         notes = (f"Times are milliseconds: as seconds, rows would be {step:g} s apart.",)
-        # Rounded to whole ones, as they are, their mean distance is the better one.
-        time, step = time / 1000.0, float(time[-1]) / 1000.0 / (len(time) - 1)
+        time, step = time / 1000.0, step / 1000.0
+    mean = float(time[-1]) / (len(time) - 1)
+    if np.abs(np.diff(time) - mean).max() < _ROUNDED * mean:
+        step = mean  # times are rounded: their mean distance is the true one
     if time[-1] / step > 1_000_000:
         raise InputError("more than a million frames after resampling.", path=source.path)
     grid = np.asarray(step * np.arange(int(np.floor(time[-1] / step + 0.5)) + 1), np.float64)
