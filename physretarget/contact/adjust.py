@@ -12,6 +12,7 @@ from physretarget.contact.carry import carried, followed, off_track
 from physretarget.contact.clearance import above_floor, on_the_floor
 from physretarget.contact.flight import grounded, throw_arc, thrown
 from physretarget.contact.foot import Foot
+from physretarget.contact.order import legs_in_turn
 from physretarget.contact.phases import Phases
 from physretarget.contact.reach import within_reach
 from physretarget.contact.settings import ContactSettings
@@ -97,6 +98,7 @@ def adjust(
     """
     settings = settings or ContactSettings()
     _check(character, qpos, time, phases)
+    phases = legs_in_turn(character, phases)
     pose = kinematics.forward(character.tree, qpos)
     feet, notes = _feet(character, pose, time, phases, settings)
     target = np.full((len(qpos), len(character.tied), 3), np.nan)
