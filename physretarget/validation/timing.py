@@ -168,6 +168,10 @@ class Walk:
     rate: float
 
 
+# Of a walker's steps the body goes along with all: half says that it walks.
+_CARRIES = 0.5
+
+
 def cadence(character: Character, seen: Evidence, qpos: Floats) -> Walk | None:
     """The steps of a walker, None of what does not walk."""
     pose = kinematics.forward(character.tree, qpos)
@@ -188,6 +192,10 @@ def cadence(character: Character, seen: Evidence, qpos: Floats) -> Walk | None:
     middle = [(a + b) // 2 for a, b, _ in stances]
     place = np.array([pose.position[t, s[2], :2] for t, s in zip(middle, stances, strict=True)])
     length = float(np.median(np.linalg.norm(place[2:] - place[:-2], axis=1))) / 2
+    root = pose.position[middle, character.root_body, :2]
+    travel = float(np.median(np.linalg.norm(root[2:] - root[:-2], axis=1))) / 2
+    if travel < _CARRIES * length:
+        return None  # the load goes from foot to foot, the body stays
     seconds = float(np.median(np.diff(middle))) * seen.step
     return Walk(length / leg, float(np.sqrt(leg / 9.81)) / seconds)
 

@@ -162,3 +162,25 @@ def test_misreadings_stand_alone_and_first() -> None:
     made = [Cause(code=c, message="m", remedy="r") for c in ("CON007", "DAT013", "DAT015")]
     assert [c.code for c in likeliest(made)] == ["DAT013"]
     assert [c.code for c in likeliest(made[::2])] == ["DAT015", "CON007"]
+
+
+def test_who_shifts_from_foot_to_foot_does_not_walk() -> None:
+    """Four legs that are set down again in turn, slowly, on the spot: no clock is in that."""
+    legs = "".join(
+        f"<body name='l{k}' pos='{x} {y} 0'><joint name='j{k}' type='slide' axis='0 0 1'/>"
+        "<geom type='capsule' fromto='0 0 0 0 0 -.2' size='.02'/></body>"
+        for k, (x, y) in enumerate(((0.2, 0.2), (-0.2, 0.2), (0.2, -0.2), (-0.2, -0.2)))
+    )
+    beast = Character.from_xml(
+        "<mujoco><worldbody><geom type='plane' size='5 5 .1'/><body><freejoint/>"
+        f"<geom type='box' size='.2 .2 .05' mass='5'/>{legs}</body></worldbody></mujoco>"
+    )
+    frames, fps = 360, 30.0
+    qpos = np.zeros((frames, beast.tree.nq))
+    qpos[:, 2], qpos[:, 3] = 0.22, 1.0
+    time = np.arange(frames) / fps
+    for k in range(4):
+        up = (time // 1.5).astype(int) % 4 != k
+        qpos[:, 7 + k] = np.where(up, 0.002 * np.sin(np.pi * (time % 1.5) / 1.5) ** 2, 0.0)
+    report = validate(Clip(qpos=qpos, time=time), beast)
+    assert "DAT012" not in {finding.code for finding in report.findings}
