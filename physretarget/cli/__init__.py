@@ -32,7 +32,7 @@ COMMANDS = {
     "replay": ("replay", "Play a clip with its forces: a window, a film or a page."),
     "forces": ("forces", "Ground forces of a capture, per foot, without plates."),
     "convert": ("convert", "Convert a clip between file formats."),
-    "fix": ("fix", "Mend slide, float, sink and lean of clips."),
+    "fix": ("fix", "Mend clips by the least change."),
     "suite": ("suite", "Judge a whole library every night, and say what changed."),
     "serve": ("serve", "Judge and retarget over HTTP, with a web page."),
     "token": ("serve", "Make, list and revoke tokens of the service."),
