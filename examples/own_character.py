@@ -8,12 +8,12 @@ from pathlib import Path
 
 import physretarget as pr
 from physretarget.keyposes.candidates import next_frames
-from physretarget.mjcf.authoring import author_character
+from physretarget.new_character import make_character
 from physretarget.studio import Session, Take
 from physretarget.studio.rehearsal import Rehearsal
 
 rig, capture = map(Path, sys.argv[1:])
-made = author_character(rig, rig.with_name(f"{rig.stem}-character.xml"))
+made = make_character(rig, rig.with_name(f"{rig.stem}-character.xml"))
 print(*made.notes, sep="\n")
 session = Session(
     pr.Character.load(made.path),

@@ -9,7 +9,7 @@ import typer
 
 from physretarget.cli import app
 from physretarget.cli.common import Given, command, say
-from physretarget.mjcf.authoring import author_character
+from physretarget.new_character import make_character
 from physretarget.options import CHARACTER_NEW, build
 from physretarget.options.posing import NewCharacterOptions
 
@@ -32,7 +32,7 @@ def new_command(
     What had to be guessed is listed; the file is meant to be corrected by hand.
     """
     told = build(NewCharacterOptions, given)
-    made = author_character(rig, told.out, front=told.front, up=told.up)
+    made = make_character(rig, told.out, front=told.front, up=told.up)
     for note in made.notes:
         say(f"{note.rstrip('.')}.")
     say(f"{made.path}: pose it with physretarget studio --character {made.path} --keyposes …")

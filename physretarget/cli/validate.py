@@ -21,10 +21,10 @@ from physretarget.errors import InputError, PhysretargetError, UsageError
 from physretarget.job import load_character, run_job
 from physretarget.options import VALIDATE, build
 from physretarget.options.judging import ReportOptions, ValidationOptions
-from physretarget.report.curation import hours, parse_condition, row
+from physretarget.report.curation import Condition, parse_condition, row
 from physretarget.report.html import render_html
 from physretarget.report.rules import render_rule, render_rules
-from physretarget.report.words import count
+from physretarget.report.words import count, duration
 from physretarget.validation import (
     BY_CODE,
     RULES,
@@ -72,9 +72,9 @@ def validate_command(
     files = _files(clips)
     if told.copy_passed is not None:
         check_copies(files, told.copy_passed)
-    judged, unread = _judged(files, _outcomes(files, job, told.jobs), several=several)
+    outcomes = _outcomes(files, job, told.jobs)
+    judged, kept, unread = _judged(files, outcomes, several=several, keeps=keeps)
     reports = [one.report for one in judged]
-    kept = [one for one in judged if keeps is None or keeps(row(one.report))]
     if told.accept is not None:
         save_baseline(reports, told.accept)
         accepted = count(sum(len(r.findings) for r in reports), "finding")
@@ -96,7 +96,7 @@ def validate_command(
 
 
 def _amount(judged: list[Judged]) -> str:
-    length = hours(sum(one.report.clip.duration_s for one in judged))
+    length = duration(sum(one.report.clip.duration_s for one in judged))
     return f"{count(len(judged), 'clip')} ({length})"
 
 
@@ -160,23 +160,28 @@ def _outcomes(paths: list[Path], job: _Job, jobs: int) -> Iterator[Judged | Phys
 
 
 def _judged(
-    paths: list[Path], outcomes: Iterator[Judged | PhysretargetError], *, several: bool
-) -> tuple[list[Judged], dict[str, str]]:
-    """The outcomes of clips that could be judged, and why the others could not.
+    paths: list[Path], outcomes: Iterator[Judged | PhysretargetError], *, several: bool,
+    keeps: Condition | None,
+) -> tuple[list[Judged], list[Judged], dict[str, str]]:  # fmt: skip
+    """The outcomes of clips that could be judged, those to keep, and why others were not judged.
 
-    One of ``several`` is told as it fails; one alone raises its error.
+    One of ``several`` is told as it fails; one alone raises its error. A condition that makes no
+    sense is refused with the first clip, not after the last.
     """
     judged: list[Judged] = []
+    kept: list[Judged] = []
     unread: dict[str, str] = {}
     for path, outcome in zip(paths, outcomes, strict=True):
         if isinstance(outcome, Judged):
             judged.append(outcome)
+            if keeps is None or keeps(row(outcome.report)):
+                kept.append(outcome)
         elif several:
             fail(outcome)
             unread[str(path)] = str(outcome)
         else:
             raise outcome
-    return judged, unread
+    return judged, kept, unread
 
 
 def _files(clips: list[Path]) -> list[Path]:

@@ -26,16 +26,14 @@ def legs_in_turn(character: Character, phases: Phases) -> Phases:
 
     Unchanged for characters whose feet are one body each, and in flights of the whole body.
     """
-    sides = [side for side in ("left", "right") if len(_legs(character, phases, side)) > 1]
-    if not sides:
-        return phases
+    sides = [_legs(character, phases, side) for side in ("left", "right")]
     active = phases.active.copy()
-    for side in sides:
-        legs = _legs(character, phases, side)
+    for legs in sides:
+        if len(legs) < 2:
+            continue
         mine = sorted({column for leg in legs for column in leg})
         others = [c for c in range(len(phases.names)) if c not in mine]
-        stands = any_point(phases.active[:, others])
-        up = ~any_point(phases.active[:, mine]) & stands
+        up = ~any_point(phases.active[:, mine]) & any_point(phases.active[:, others])
         for first, last in runs(up):
             _share(active, phases.active, legs, first, last)
     return replace(phases, active=active)

@@ -55,11 +55,6 @@ class Limb:
     rest: Array
 
 
-def limbs_of(character: Character) -> tuple[Limb, ...]:
-    """The limbs that act for one of the actor's; at most one for each."""
-    return _limbs(character)
-
-
 def limb_targets(character: Character, actor_qpos: Array, pose: Pose) -> list[tuple[Limb, Array]]:
     """Where the tip (3,) of each limb should be, in ``pose`` of the character and the actor's pose.
 
@@ -108,7 +103,8 @@ def _actor_vectors(qpos: Array) -> dict[str, Array]:
 
 
 @lru_cache(maxsize=8)
-def _limbs(character: Character) -> tuple[Limb, ...]:
+def limbs_of(character: Character) -> tuple[Limb, ...]:
+    """The limbs that act for one of the actor's; at most one for each."""
     pose = _zero(character)
     found: dict[str, Limb] = {}
     for first, last in _chains(character):

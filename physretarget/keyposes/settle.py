@@ -48,7 +48,6 @@ class Pull:
     body: int
     local: Array
     target: Array
-    weight: float = PULL_WEIGHT
 
 
 def planted_contacts(character: Character, planted: Sequence[str]) -> Ints:
@@ -63,7 +62,6 @@ def pulled(
     *,
     planted: Sequence[str] = (),
     held: Sequence[int] = (),
-    stay: float = STAY_WEIGHT,
 ) -> Array:
     """The pose (nq,) with points pulled to their places, planted ones firm, nothing in the floor.
 
@@ -75,7 +73,6 @@ def pulled(
         planted: the actor's contact points that stand; what is tied to them goes to the floor below
             where it is, and stays there.
         held: degrees of freedom that must not move.
-        stay: what a radian away from ``qpos`` costs, in m².
     """
     pulls = _leashed(character, qpos, pulls)
     targets = [*_down(character, qpos, planted), *_targets(pulls)]
@@ -83,7 +80,7 @@ def pulled(
     if targets:
         found = solve(
             character.tree, qpos[None], targets, lower=character.lower, upper=character.upper,
-            locked=_locked(character, held), prior=qpos[None], prior_weight=stay,
+            locked=_locked(character, held), prior=qpos[None], prior_weight=STAY_WEIGHT,
             iterations=_DRAG_STEPS,
         ).qpos[0]  # fmt: skip
     return _put_down(character, found, planted, held, _FLOOR_ROUNDS, pulls, slide=CONTACT_WEIGHT)
@@ -123,7 +120,7 @@ def _leashed(character: Character, qpos: Array, pulls: Sequence[Pull]) -> list[P
 
 def _targets(pulls: Sequence[Pull]) -> list[PointTargets]:
     return [
-        PointTargets(np.array([p.body]), p.local[None], p.target[None, None], p.weight)
+        PointTargets(np.array([p.body]), p.local[None], p.target[None, None], PULL_WEIGHT)
         for p in pulls
     ]
 
@@ -188,7 +185,7 @@ def _put_down(
             mujoco.mj_jac(model, data, jacobian, None, point, pull.body)
             rows.append(jacobian.copy())
             error.append((point - pull.target).tolist())
-            weight.append([pull.weight] * 3)
+            weight.append([PULL_WEIGHT] * 3)
         for owner, point, depth in sunk:
             mujoco.mj_jac(model, data, jacobian, None, point, owner)
             rows.append(jacobian[2:].copy())

@@ -16,7 +16,7 @@ from types import MappingProxyType
 from typing import Any
 
 from physretarget.errors import MissingExtraError, UsageError
-from physretarget.report.words import count
+from physretarget.report.words import count, duration
 from physretarget.validation.report import Report
 
 Row = dict[str, Any]
@@ -208,24 +208,17 @@ def render_summary(
     return "\n".join(lines) + "\n"
 
 
-def hours(seconds: float) -> str:
-    """A length of motion as it is read: seconds, minutes or hours."""
-    if seconds < 60:
-        return f"{seconds:.1f} s"
-    return f"{seconds / 60:.1f} min" if seconds < 3600 else f"{seconds / 3600:.2f} h"
-
-
 def _hours(reports: Sequence[Report]) -> str:
     total = sum(r.clip.duration_s for r in reports)
     parts = []
     for verdict in ("passed", "failed", "not judged"):
         mine = [r for r in reports if r.verdict == verdict]
         if mine:
-            length = hours(sum(r.clip.duration_s for r in mine))
+            length = duration(sum(r.clip.duration_s for r in mine))
             parts.append(f"{len(mine)} {verdict} ({length})")
     saved = sum(b - a for r in reports if r.verdict == "failed" for a, b in r.clean_ranges())
-    clean = f"; {hours(saved)} of the failed are clean" if saved else ""
-    return f"{count(len(reports), 'clip')}, {hours(total)}: {', '.join(parts) or 'none'}{clean}."
+    clean = f"; {duration(saved)} of the failed are clean" if saved else ""
+    return f"{count(len(reports), 'clip')}, {duration(total)}: {', '.join(parts) or 'none'}{clean}."
 
 
 def _grouped(title: str, counts: Counter[str]) -> list[str]:

@@ -91,10 +91,12 @@ def pretty(unit: str) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Seconds, or minutes and seconds."""
+    """Seconds, minutes and seconds, or hours and minutes."""
     if seconds < 90:
         return f"{seconds:.1f} s"
-    return f"{int(seconds // 60)} min {seconds % 60:.0f} s"
+    if seconds < 5400:
+        return f"{int(seconds // 60)} min {seconds % 60:.0f} s"
+    return f"{int(seconds // 3600)} h {seconds % 3600 // 60:.0f} min"
 
 
 def look(name: str) -> SeriesLook | None:

@@ -20,7 +20,7 @@ from physretarget.suite.queue import new_id, now
 from physretarget.suite.registry import ClipRecord, ModelRecord
 
 router = APIRouter(prefix="/api/v1", tags=["library"])
-_UPLOAD = (408, 413, 415, 422, *GUARDED)
+_UPLOAD = (408, 413, 415, 422, 507, *GUARDED)
 
 
 def _bounds(service: Service, *fields: str) -> Bounds:

@@ -76,7 +76,6 @@ class Change(BaseModel):
     share: float = 1.0
     qpos: Qpos = []
     planted: Planted | None = None
-    note: Annotated[str, Field(max_length=2000)] | None = None
     take: int = 0
     time: float = 0.0
 
@@ -154,7 +153,7 @@ def _looks(app: FastAPI, session: Session, rehearsal: Rehearsal) -> None:
     @app.get("/api/takes/{take}")
     def actor(take: int) -> dict[str, Any]:
         """The actor's motion of a capture, as a scene."""
-        own = session.takes[_within(take, session)]
+        own = session.take(take)
         shown = figure(
             actor_character_of_reference(), own.qpos, name="actor", tint=(0.55, 0.62, 0.75)
         )
@@ -163,14 +162,7 @@ def _looks(app: FastAPI, session: Session, rehearsal: Rehearsal) -> None:
     @app.post("/api/drag")
     def drag(gesture: Gesture) -> dict[str, Any]:
         """The pose after a small move of the hand; nothing is kept."""
-        return _posed(session, session.find(gesture.name), _moved(session, gesture), gesture)
-
-    @app.get("/api/mapped")
-    def mapped(name: Name) -> dict[str, Any]:
-        """What the other key poses would make of this one."""
-        pose = session.find(name)
-        qpos = rehearsal.mapped_pose(session.keyposes, pose)
-        return _posed(session, pose, session.canonical(qpos), None)
+        return _posed(session, gesture)
 
     @app.get("/api/coverage")
     def coverage() -> dict[str, Any]:
@@ -209,7 +201,8 @@ def _looks(app: FastAPI, session: Session, rehearsal: Rehearsal) -> None:
         until: Literal["mapped", "placed", "contacted", "physical", "balanced"] = "mapped",
     ) -> dict[str, Any]:
         """The take played by the character with the key poses as they are."""
-        played = rehearsal.play(session.keyposes, _within(take, session), until)
+        session.take(take)
+        played = rehearsal.play(session.keyposes, take, until)
         clip, report = played.made.clip, played.report
         shown = figure(session.character, clip.qpos, name=session.character.name)
         return {
@@ -229,10 +222,8 @@ def _changes(app: FastAPI, session: Session, rehearsal: Rehearsal) -> None:
 
     @app.post("/api/put")
     def put(change: Change) -> dict[str, Any]:
-        session.put(
-            change.name, np.array(change.qpos), change.revision, planted=change.planted,
-            note=change.note,
-        )  # fmt: skip
+        qpos = np.array(change.qpos)
+        session.put(change.name, qpos, change.revision, planted=change.planted)
         return _state(session)
 
     @app.post("/api/plant")
@@ -277,12 +268,6 @@ def _changes(app: FastAPI, session: Session, rehearsal: Rehearsal) -> None:
     def redo(change: Change) -> dict[str, Any]:
         session.redo(change.revision)
         return _state(session)
-
-
-def _within(take: int, session: Session) -> int:
-    if not 0 <= take < len(session.takes):
-        raise UsageError(f"there is no capture {take}; there are {len(session.takes)}.")
-    return take
 
 
 def _state(session: Session) -> dict[str, Any]:
@@ -377,14 +362,16 @@ def _moved(session: Session, gesture: Gesture) -> np.ndarray[Any, np.dtype[np.fl
     return pulled(character, qpos, pulls, planted=gesture.planted, held=held)
 
 
-def _posed(session: Session, pose: KeyPose, qpos: Any, gesture: Gesture | None) -> dict[str, Any]:
-    """A pose as the page draws it, with what is wrong with it."""
-    character = session.character
-    planted = pose.planted if gesture is None else tuple(gesture.planted)
-    told = live(character, replace(pose, qpos=session.canonical(qpos), planted=planted))
+def _posed(session: Session, gesture: Gesture) -> dict[str, Any]:
+    """The pose that a gesture makes, as the page draws it, with what is wrong with it."""
+    character, qpos = session.character, _moved(session, gesture)
+    pose = replace(
+        session.find(gesture.name), qpos=session.canonical(qpos), planted=tuple(gesture.planted)
+    )
+    told = live(character, pose)
     position, rotation, _ = body_poses(character.model, qpos[None])
     return {
         "qpos": qpos.tolist(), "position": position[0].ravel().tolist(),
         "rotation": rotation[0].ravel().tolist(), "errors": list(told.errors),
-        "touching": list(told.touching), "margin": told.margin_m, "com": list(told.com),
+        "touching": list(told.touching), "margin": told.margin_m,
     }  # fmt: skip

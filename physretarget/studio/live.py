@@ -7,7 +7,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from physretarget.ground.undersides import Undersides, undersides
+from physretarget.ground.edge import support_edge
+from physretarget.ground.undersides import Solid, bearing_solids
 from physretarget.ground.wrench import centre_of_mass
 from physretarget.keyposes import KeyPose, KeyPoseSet, check
 from physretarget.kinematics import forward
@@ -18,8 +19,6 @@ __all__ = ["Live", "live"]
 
 # What is this near to the floor supports, m: the check's tolerance for planted points.
 _SUPPORTS = 0.003
-# Directions in which the edge of the support is looked for: 5 degrees apart.
-_DIRECTIONS = 72
 # Parts may press into each other this far, m, as soft covers do: what KIN005 warns of.
 _PRESSES = 0.005
 
@@ -33,13 +32,11 @@ class Live:
         touching: bodies that are in each other.
         margin_m: from the centre of mass, seen from above, to the nearest edge of what stands on
             the floor; below 0 the pose would tip if it were held. None where nothing stands.
-        com: (3,) the centre of mass, m.
     """
 
     errors: tuple[str, ...]
     touching: tuple[int, ...]
     margin_m: float | None
-    com: tuple[float, float, float]
 
 
 def live(character: Character, pose: KeyPose) -> Live:
@@ -48,32 +45,24 @@ def live(character: Character, pose: KeyPose) -> Live:
         character_name=character.name, character_sha256=character.sha256, license="", poses=(pose,)
     )
     errors = [remark.message for remark in check(alone, character) if remark.severity == "error"]
-    prepared = _prepared(character)
-    found = prepared.collision.judge(pose.qpos[None])
+    found = _collision(character).judge(pose.qpos[None])
     touching: tuple[int, ...] = ()
     if found and float(found["self_penetration"][0]) > _PRESSES:
         touching = tuple(int(body) for body in found["self_pair"][0])
     at = forward(character.tree, pose.qpos[None])
     com = centre_of_mass(character, at)[0]
-    place = prepared.under.lowest(at)[0]
-    low = place[:, 2] <= character.floor_height + _SUPPORTS
-    margin = None
-    if low.any():
-        angle = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
-        way = np.stack([np.cos(angle), np.sin(angle)])
-        margin = float(((place[low, :2] @ way).max(axis=0) - com[:2] @ way).min())
+    way, reach = support_edge(_bearing(character), at, character.floor_height, _SUPPORTS)
+    margin = float((reach - way @ com[:2]).min())
     return Live(
-        errors=tuple(errors), touching=touching, margin_m=margin,
-        com=(float(com[0]), float(com[1]), float(com[2])),
-    )  # fmt: skip
-
-
-@dataclass(frozen=True, eq=False)
-class _Prepared:
-    collision: SelfCollision
-    under: Undersides
+        errors=tuple(errors), touching=touching, margin_m=margin if np.isfinite(margin) else None
+    )
 
 
 @lru_cache(maxsize=4)
-def _prepared(character: Character) -> _Prepared:
-    return _Prepared(SelfCollision.build(character), undersides(character))
+def _collision(character: Character) -> SelfCollision:
+    return SelfCollision.build(character)
+
+
+@lru_cache(maxsize=4)
+def _bearing(character: Character) -> tuple[Solid, ...]:
+    return bearing_solids(character)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from threading import Lock
 
 import numpy as np
@@ -16,7 +15,7 @@ from physretarget.keyposes import KeyPose, KeyPoseSet, settled
 from physretarget.keyposes.candidates import Candidates, find_candidates, posed_features
 from physretarget.keyposes.suggest import uncertainty
 from physretarget.mjcf import Character
-from physretarget.options.retargeting import RetargetSettings, Stage
+from physretarget.options.retargeting import MapperOptions, RetargetSettings, Stage
 from physretarget.pipeline import Retargeted, retarget
 from physretarget.studio.session import Take
 from physretarget.trained import TrainedMapper, learn
@@ -77,24 +76,18 @@ class Rehearsal:
         with self._lock:
             if self._for is not keyposes or self._mapper is None:
                 self._for, self._played = keyposes, {}
-                dims = min(30, len(keyposes) - 1)
-                self._mapper = learn(self.character, keyposes, dims=dims)
+                self._mapper = self._learned(keyposes)
             return self._mapper
 
-    def play(
-        self, keyposes: KeyPoseSet, take: int, until: Stage,
-        progress: Callable[[str], None] = lambda stage: None,
-    ) -> Played:  # fmt: skip
+    def play(self, keyposes: KeyPoseSet, take: int, until: Stage) -> Played:
         """A take retargeted with these key poses, judged if it went through all stages."""
         mapper = self.mapper(keyposes)
         with self._lock:
             known = self._played.get((take, until)) if self._for is keyposes else None
         if known is not None:
             return known
-        made = retarget(
-            self.takes[take].motion, mapper, settings=RetargetSettings(until=until),
-            progress=progress,
-        )  # fmt: skip
+        settings = RetargetSettings(until=until)
+        made = retarget(self.takes[take].motion, mapper, settings=settings)
         finished = until in ("contacted", "physical", "balanced")
         report = validate(made.clip, self.character) if finished else None
         played = Played(made, report)
@@ -108,14 +101,15 @@ class Rehearsal:
         others = tuple(each for each in keyposes.poses if each.name != pose.name)
         if len(others) < FEWEST:
             raise InputError(f"a pose can be mapped from {FEWEST} others or more")
-        rest = KeyPoseSet(
-            character_name=keyposes.character_name, character_sha256=keyposes.character_sha256,
-            license=keyposes.license, poses=others,
-        )  # fmt: skip
-        mapper = learn(self.character, rest, dims=min(30, len(others) - 1))
+        mapper = self._learned(replace(keyposes, poses=others))
         y = features(mapper.actor, pose.actor_qpos[None])
         found = solve(self.character, mapper.mapper.predict(y).mean, start=mapper.nearest_pose(y))
         return settled(self.character, found.qpos[0], planted=pose.planted)
+
+    def _learned(self, keyposes: KeyPoseSet) -> TrainedMapper:
+        """A mapper of fewer dimensions than there are key poses, as it must be."""
+        dims = min(MapperOptions.dims, len(keyposes) - 1)
+        return learn(self.character, keyposes, dims=dims)
 
     def coverage(self, keyposes: KeyPoseSet) -> Coverage:
         """How well frames of the takes are known."""

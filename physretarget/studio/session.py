@@ -36,7 +36,7 @@ from physretarget.mjcf import Character
 Array = NDArray[np.float64]
 
 LICENSE = "unknown: write here under which terms the captures may be used"
-MOST_POSES, MOST_CHARACTERS = 2000, 2000
+MOST_POSES = 2000
 
 
 class Conflict(InputError):
@@ -160,24 +160,28 @@ class Session:
                 return pose
         raise InputError(f"there is no key pose {name!r}", path=self.path)
 
+    def take(self, number: int) -> Take:
+        """A capture by its number.
+
+        Raises:
+            UsageError: there is none.
+        """
+        if not 0 <= number < len(self.takes):
+            raise UsageError(f"there is no capture {number}; there are {len(self.takes)}.")
+        return self.takes[number]
+
     # ---- changes -------------------------------------------------------------------------------
 
-    def add(
-        self, take: int, time: float, revision: int, *, qpos: Array | None = None, note: str = ""
-    ) -> str:
-        """Begin a key pose of a frame: the proposed pose put down, or ``qpos``. Its name."""
-        if not 0 <= take < len(self.takes):
-            raise UsageError(f"there is no capture {take}; there are {len(self.takes)}.")
-        own = self.takes[take]
+    def add(self, take: int, time: float, revision: int) -> str:
+        """Begin a key pose of a frame with the proposed pose. Its name."""
+        own = self.take(take)
         actor = own.actor(time)
         planted = planted_points(actor)
-        start = propose(self.character, actor, planted=planted) if qpos is None else qpos
         exact = float(own.motion.time[own.frame(time)])
         pose = KeyPose(
             name=start_name(own.motion, own.frame(time)), source=own.name,
             sha256=own.motion.source.sha256, time=exact, actor_qpos=actor,
-            qpos=self.canonical(settled(self.character, start, planted=planted)),
-            planted=planted, note=note,
+            qpos=propose(self.character, actor, planted=planted), planted=planted,
         )  # fmt: skip
 
         def grow(old: KeyPoseSet) -> KeyPoseSet:
@@ -189,7 +193,7 @@ class Session:
 
     def put(
         self, name: str, qpos: Array, revision: int, *, planted: Sequence[str] | None = None,
-        note: str | None = None, what: str = "pose",
+        what: str = "pose",
     ) -> None:  # fmt: skip
         """Give a key pose the character's pose ``qpos`` (nq,), as a gesture left it."""
         if qpos.shape != (self.character.tree.nq,) or not np.isfinite(qpos).all():
@@ -203,9 +207,8 @@ class Session:
 
         def altered(pose: KeyPose) -> KeyPose:
             return replace(
-                pose, qpos=qpos, planted=pose.planted if planted is None else tuple(planted),
-                note=pose.note if note is None else note[:MOST_CHARACTERS],
-            )  # fmt: skip
+                pose, qpos=qpos, planted=pose.planted if planted is None else tuple(planted)
+            )
 
         self._change_one(name, f"{what} {name}", revision, altered)
 

@@ -5,16 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from physretarget import kinematics
-from physretarget.ground.undersides import Solid, solids
+from physretarget.ground.edge import support_edge
+from physretarget.ground.undersides import solids
 from physretarget.mjcf import Character
 from physretarget.validation.analysis import Analysis
 from physretarget.validation.continuity import Floats
 
-# Directions along which the edge of the support is looked for: a circle's edge is exact in each,
-# and within 0.1 % of its radius between.
-_DIRECTIONS = 72
-# A rim's outermost point is its lowest when it is tilted this little.
-_TILT = 1e-3
 # Below this share of body weight a centre of pressure means nothing.
 _LIFTED_BW = 0.2
 
@@ -46,27 +42,9 @@ def has_base(analysis: Analysis) -> bool:
 
 def _edge(character: Character, qpos: Floats, tolerance: float) -> tuple[Floats, Floats]:
     """(n, 2) directions, and how far the base's underside reaches along each, m from the origin."""
-    angle = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
-    way = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     pose = kinematics.forward(character.tree, qpos)
-    reach = np.full(_DIRECTIONS, -np.inf)
-    for solid in solids(character, _base(character)):
-        low = solid.heights(pose)[0] <= character.floor_height + tolerance
-        if low.any():
-            reach = np.maximum(reach, _reach(solid, pose, low, way))
-    return way, reach
-
-
-def _reach(solid: Solid, pose: kinematics.Pose, low: Floats, way: Floats) -> Floats:
-    """(n,) m along each direction of the points of a geom that are ``low``."""
-    turn, place = pose.rotation[0, solid.body], pose.position[0, solid.body]
-    points = place + solid.points[low] @ turn.T
-    along = np.hstack([_TILT * way, -np.ones((len(way), 1))]) @ turn @ solid.frame
-    size = np.linalg.norm(along * solid.axes, axis=1)
-    grown = along * solid.axes**2 / np.where(size > 0, size, 1.0)[:, None]
-    outermost = grown @ solid.frame.T @ turn.T
-    reach: Floats = (points[:, :2] @ way.T).max(axis=0) + (outermost[:, :2] * way).sum(axis=1)
-    return reach
+    every = solids(character, _base(character))
+    return support_edge(every, pose, character.floor_height, tolerance)
 
 
 def _base(character: Character) -> list[int]:

@@ -288,3 +288,27 @@ def test_a_library_is_curated(run: Run, tmp_path: Path, good: Path) -> None:
     assert run(*given, clips, "--copy-passed", tmp_path / "two").code == 2, "one name, two clips"
     assert run(*given, "--where", "verdict = 1").code == 2
     assert run(*given, "--format", "parquet").code == 2, "not to a terminal"
+
+
+def test_a_condition_without_a_column_is_refused_with_the_first_clip(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not after the last of a night's clips, whose verdicts would be lost."""
+    from physretarget.cli import validate
+
+    (tmp_path / "box.xml").write_text(
+        "<mujoco><worldbody><body><freejoint/><geom size='.1'/></body></worldbody></mujoco>"
+    )
+    for name in "abc":
+        (tmp_path / f"{name}.csv").write_text("0,0,0.1,1,0,0,0\n" * 20)
+    judged: list[Path] = []
+    judge = validate._judge
+    monkeypatch.setattr(
+        validate, "_judge", lambda path, *more: judged.append(path) or judge(path, *more)
+    )
+    clips = [tmp_path / f"{name}.csv" for name in "abc"]
+    got = run("validate", *clips, "--model", tmp_path / "box.xml", "--fps", "30", "--quat", "wxyz",
+              "--where", "no_such < 1")  # fmt: skip
+    assert got.code == 2
+    assert "no_such" in got.err
+    assert len(judged) == 1

@@ -139,7 +139,7 @@ def test_parquet_has_the_same_rows() -> None:
 def test_a_summary_says_what_a_library_is_worth() -> None:
     many = [report((30, 40), path=f"bad{i}.csv") for i in range(40)]
     text = render_summary([*many, report(path="good.csv"), report(path="odd.csv", judged=False)])
-    assert text.startswith("42 clips, 7.0 min: 1 passed (10.0 s), 40 failed (6.7 min), ")
-    assert "5.9 min of the failed are clean" in text
+    assert text.startswith("42 clips, 7 min 0 s: 1 passed (10.0 s), 40 failed (6 min 40 s), ")
+    assert "5 min 52 s of the failed are clean" in text
     assert "Probable causes: DAT013 40." in text
     assert len(text.splitlines()) < 40, "not a line for every clip"

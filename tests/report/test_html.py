@@ -334,6 +334,7 @@ def test_quantities_are_written_for_people() -> None:
     assert quantity(2.5, "m/s^2") == ("2.5", "m/s²")
     assert duration(10.0) == "10.0 s"
     assert duration(600.0) == "10 min 0 s"
+    assert duration(9000.0) == "2 h 30 min"
     assert look("heat_m_s") is not None
 
 

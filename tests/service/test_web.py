@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import re
-import shutil
 import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -27,23 +26,6 @@ _PHONE, _DESK = (390, 844), (1280, 800)
 _EXAMPLES = WEB / "examples"
 _AUDIT = Path(__file__).with_name("audit.js").read_text()
 _NASTY = "<img src=x onerror=window.hacked=1>"
-_ARGUMENTS = (
-    "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-    "--disable-background-networking", "--disable-component-update", "--disable-sync",
-    "--no-first-run",
-)  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    """Chromium, or a skip that says what is missing."""
-    found = shutil.which("chromium") or shutil.which("chromium-browser")
-    if found is None:
-        pytest.skip("no chromium on this machine")
-    with sync_api.sync_playwright() as run:
-        made = run.chromium.launch(executable_path=found, args=list(_ARGUMENTS))
-        yield made
-        made.close()
 
 
 @pytest.fixture(scope="module")

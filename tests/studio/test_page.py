@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import shutil
 import threading
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -14,21 +12,6 @@ from physretarget.studio import Session
 from physretarget.studio.serve import serve
 
 sync_api = pytest.importorskip("playwright.sync_api")
-_ARGUMENTS = (
-    "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-    "--disable-background-networking", "--no-first-run",
-)  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[object]:
-    found = shutil.which("chromium") or shutil.which("chromium-browser")
-    if found is None:
-        pytest.skip("no chromium on this machine")
-    with sync_api.sync_playwright() as run:
-        made = run.chromium.launch(executable_path=found, args=list(_ARGUMENTS))
-        yield made
-        made.close()
 
 
 @pytest.fixture

@@ -136,7 +136,7 @@ def read_take(path: str | PathLike[str], *, fps: float | None = None) -> Take:
     """
     source = Source.open(path)
     if source.path.suffix.lower() != ".csv":
-        return _sampled(read_shots(path), fps)
+        return _sampled(read_shots(path), fps, source.path)
     if is_livelink(source):
         return read_livelink(source, fps=fps)
     take = read_csv(source)
@@ -146,22 +146,19 @@ def read_take(path: str | PathLike[str], *, fps: float | None = None) -> Take:
 _CURVES_HZ = 60.0
 
 
-def _sampled(shots: tuple[Shot, ...], fps: float | None) -> Take:
+def _sampled(shots: tuple[Shot, ...], fps: float | None, path: Path) -> Take:
     """The first shot that moves, as a dense take."""
     shot = next(
         (each for each in shots if any(len(c.keys) > 1 for c in each.curves.values())), None
     )
     if shot is None:
-        raise InputError("holds no curve that moves.")
-    rate = fps or shot.fps or _CURVES_HZ
-    start = min(curve.start for curve in shot.curves.values())
-    end = max(curve.end for curve in shot.curves.values())
-    time = np.arange(max(int(np.floor((end - start) * rate + 1e-6)) + 1, 2)) / rate
-    columns = [
-        curve.evaluate(np.clip(start + time, curve.start, curve.end))
-        for curve in shot.curves.values()
-    ]
+        raise InputError("holds no curve that moves.", path=path)
+    rate, curves = fps or shot.fps or _CURVES_HZ, shot.curves.values()
+    start = min(curve.start for curve in curves)
+    end = max(max(curve.end for curve in curves), start + 1 / rate)
+    values = np.stack([curve.sample(rate, start, end) for curve in curves], axis=1)
     notes: tuple[str, ...] = (f"Curves were sampled at {rate:g} Hz.",)
     if len(shots) > 1:
         notes += (f"Of {len(shots)} shots the first that moves is read.",)
-    return Take(shot.name, time, tuple(shot.curves), np.stack(columns, axis=1), shot.sha256, notes)
+    time = np.arange(len(values)) / rate
+    return Take(shot.name, time, tuple(shot.curves), values, shot.sha256, notes)

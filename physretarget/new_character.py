@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 import shutil
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,11 +20,14 @@ from numpy.typing import NDArray
 
 from physretarget.errors import InputError
 from physretarget.files import write_file
-from physretarget.mjcf.character import Character
-from physretarget.mjcf.reference import lowest_and_highest, tree_bodies
-from physretarget.mjcf.source import read_source
+from physretarget.ground.undersides import lowest_heights, solids, undersides
+from physretarget.ground.wrench import centre_of_mass
+from physretarget.kinematics import Pose, forward, matrix_to_quat
+from physretarget.mjcf.character import Character, character_of
+from physretarget.mjcf.reference import tree_bodies
+from physretarget.mjcf.source import Source, read_source
 
-__all__ = ["Authored", "author_character"]
+__all__ = ["NewCharacter", "make_character"]
 
 Array = NDArray[np.float64]
 
@@ -34,13 +38,16 @@ _TURNS_ON = re.compile(r"wheel|roller|caster|propeller|rotor", re.IGNORECASE)
 _HINGE_DEG, _SLIDE_M = 60.0, 0.1
 # What reaches down to this share of the height from the lowest point stands on the floor.
 _STANDS = 0.03
-# A body that stands and is wider than this share of the height stands on four corners, else on two.
-_WIDE = 0.15
+# A body that is wider than this share of the height stands on four corners or two sides; one that
+# is longer than that on a toe and a heel, else on one point.
+_WIDE, _LONG = 0.15, 0.04
+# A head this far before the middle, as a share of the height, says where the front is.
+_BEFORE = 0.05
 _DENSITY = 500.0  # kg/m3: half of water, plastic shells and light metal
 
 
 @dataclass(frozen=True)
-class Authored:
+class NewCharacter:
     """The file that was written, and what was guessed, a sentence each."""
 
     path: Path
@@ -52,31 +59,27 @@ class _Draft:
     """A model under way."""
 
     spec: mujoco.MjSpec
-    source: Path
+    path: Path
+    source: Source
     notes: list[str] = field(default_factory=list)
 
-    def compiled(self) -> tuple[mujoco.MjModel, mujoco.MjData]:
-        """The model so far, in its first pose."""
+    def character(self) -> Character:
+        """The model so far."""
         try:
-            model = self.spec.compile()
+            return character_of(self.source, self.spec.compile(), self.path.stem)
         except (ValueError, mujoco.FatalError) as error:
             raise InputError(
-                f"MuJoCo cannot compile it: {' '.join(str(error).split())}", path=self.source
+                f"MuJoCo cannot compile it: {' '.join(str(error).split())}", path=self.path
             ) from error
-        data = mujoco.MjData(model)
-        mujoco.mj_resetData(model, data)
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        return model, data
 
 
-def author_character(
-    source: str | Path, out: str | Path, *, front: str | None = None, up: str = "+z"
-) -> Authored:
+def make_character(
+    path: str | Path, out: str | Path, *, front: str | None = None, up: str = "+z"
+) -> NewCharacter:
     """Write a character of a URDF or MJCF file.
 
     Args:
-        source: the robot's file. Its meshes are copied into a folder beside ``out``.
+        path: the robot's file. Its meshes are copied into a folder beside ``out``.
         out: the MJCF to write.
         front: ``+x``, ``-x``, ``+y``, ``-y``, ``+z`` or ``-z`` in the frame of its root; guessed if
             None.
@@ -85,29 +88,27 @@ def author_character(
     Raises:
         InputError: the file cannot be read, or has no part that could be a root.
     """
-    source, out = Path(source), Path(out)
-    draft = _Draft(_read(source), source)
+    path, out = Path(path), Path(out)
+    draft = _read(path)
     root = _free_root(draft)
     _add_masses(draft)
     if up != "+z":
         root.quat = _UPRIGHT[up]
     _limit_joints(draft)
-    heading = _front(draft, root, front)
+    heading = _front(draft, front)
     _put_on_floor(draft, root)
-    _contact_points(draft, root, heading)
-    _face(draft, root, heading)
+    _contact_points(draft, heading)
+    _face(draft, heading)
     assets = out.with_name(f"{out.stem}-assets")
     _copy_meshes(draft, assets)
-    text = _text(draft, out, assets)
-    write_file(out, text.encode())
-    character = Character.load(out)
-    return Authored(out, (*draft.notes, *character.notes))
+    write_file(out, _text(draft, out, assets).encode())
+    return NewCharacter(out, (*draft.notes, *Character.load(out).notes))
 
 
-def _read(path: Path) -> mujoco.MjSpec:
+def _read(path: Path) -> _Draft:
     if path.suffix.lower() not in (".urdf", ".xml", ".mjcf"):
         raise InputError("is no URDF (.urdf) and no MJCF (.xml)", path=path)
-    read_source(path, untrusted=path.suffix.lower() != ".urdf")
+    source = read_source(path, untrusted=path.suffix.lower() != ".urdf")
     try:
         spec = mujoco.MjSpec.from_file(str(path))
     except (ValueError, mujoco.FatalError) as error:
@@ -118,14 +119,14 @@ def _read(path: Path) -> mujoco.MjSpec:
     spec.compiler.fusestatic = False
     spec.compiler.discardvisual = False
     spec.compiler.balanceinertia = True
-    return spec
+    return _Draft(spec, path, source)
 
 
 def _add_masses(draft: _Draft) -> None:
     """Bodies that move and have no mass of their own get it from their geometry."""
     bare = [body for body in draft.spec.bodies if body.id != 0 and not body.mass > 0 and body.geoms]
     # In MJCF a geom's density is the author's word; URDF knows none.
-    if not bare or (draft.source.suffix.lower() != ".urdf" and _compiles(draft.spec)):
+    if not bare or (draft.path.suffix.lower() != ".urdf" and _compiles(draft.spec)):
         return
     for body in bare:
         # What the compiler finds to be no number it takes from the geometry.
@@ -154,12 +155,12 @@ def _free_root(draft: _Draft) -> mujoco.MjsBody:
     """The root's body, on a free joint."""
     tops = [body for body in _children(draft.spec.worldbody) if _joints_below(body)]
     if not tops:
-        raise InputError("has no moving part, so no character can be made of it", path=draft.source)
+        raise InputError("has no moving part, so no character can be made of it", path=draft.path)
     if len(tops) > 1:
         names = ", ".join(repr(body.name) for body in tops)
         raise InputError(
             f"has {len(tops)} moving parts side by side ({names}); a character has one root",
-            path=draft.source,
+            path=draft.path,
         )
     root = tops[0]
     joints = list(root.joints)
@@ -169,7 +170,7 @@ def _free_root(draft: _Draft) -> mujoco.MjsBody:
         raise InputError(
             f"its first joint {joints[0].name!r} hangs in the world: give what stands on the floor "
             "a body with a geom, above that joint",
-            path=draft.source,
+            path=draft.path,
         )
     root.add_freejoint(name="root")
     draft.notes.append(f"{root.name!r} was fixed to the world: it is the free root now")
@@ -221,66 +222,69 @@ _FRONTS = {
 _UPRIGHT = {"+y": [0.5**0.5, 0.5**0.5, 0.0, 0.0]}
 
 
-def _front(draft: _Draft, root: mujoco.MjsBody, told: str | None) -> Array:
+def _front(draft: _Draft, told: str | None) -> Array:
     """The front in the root's frame: where the head is before the middle, else +x."""
-    known = next((each for each in draft.spec.numerics if each.name == "front"), None)
-    if known is not None:
-        return np.asarray(known.data, dtype=np.float64)[:3]
+    if any(each.name == "front" for each in draft.spec.numerics):
+        return np.asarray(draft.character().front)
     if told is not None:
         front = _FRONTS[told]
     else:
-        model, data = draft.compiled()
-        front, why = _guessed_front(model, data, root.name)
+        front, why = _guessed_front(draft.character())
         draft.notes.append(f"the front is taken to be {why}; --front says otherwise")
     draft.spec.add_numeric(name="front", data=front.tolist(), size=3)
     return front
 
 
-def _guessed_front(model: mujoco.MjModel, data: mujoco.MjData, root: str) -> tuple[Array, str]:
-    number = model.body(root).id
-    bodies = tree_bodies(model, number)
-    heads = [b for b in bodies.tolist() if _FACE.search(model.body(b).name)]
-    turn = data.xmat[number].reshape(3, 3)
+def _guessed_front(character: Character) -> tuple[Array, str]:
+    pose = _first_pose(character)
+    turn = pose.rotation[0, character.root_body]
     level = {name: axis for name, axis in _FRONTS.items() if abs((turn @ axis)[2]) < 0.5}
-    if heads:
-        way = turn.T @ (data.xipos[heads[-1]] - data.subtree_com[number])
+    head = _head(character)
+    if head is not None:
+        place = pose.position[0, head] + pose.rotation[0, head] @ character.model.body_ipos[head]
+        way = turn.T @ (place - centre_of_mass(character, pose)[0])
         best = max(level, key=lambda name: float(level[name] @ way))
-        low, high = lowest_and_highest(model, data, bodies)
-        if float(_FRONTS[best] @ way) > 0.05 * (high - low):
-            return _FRONTS[best], f"{best}, where {model.body(heads[-1]).name!r} is"
+        if float(level[best] @ way) > _BEFORE * character.height:
+            return level[best], f"{best}, where {character.model.body(head).name!r} is"
     first = next(iter(level))
     return level[first], first
 
 
+def _first_pose(character: Character) -> Pose:
+    return forward(character.tree, character.reference_qpos[None])
+
+
+def _head(character: Character) -> int | None:
+    """The last body that is called a head."""
+    named = [b for b in character.bodies.tolist() if _FACE.search(character.model.body(b).name)]
+    return named[-1] if named else None
+
+
 def _put_on_floor(draft: _Draft, root: mujoco.MjsBody) -> None:
-    """A floor at z = 0, and the lowest point on it in the first pose."""
-    planes = [g for g in draft.spec.worldbody.geoms if g.type == mujoco.mjtGeom.mjGEOM_PLANE]
-    if not planes:
+    """A floor at z = 0 where there is none, and the lowest point on the floor at first."""
+    if not any(g.type == mujoco.mjtGeom.mjGEOM_PLANE for g in draft.spec.worldbody.geoms):
         draft.spec.worldbody.add_geom(
             name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1]
         )
         draft.notes.append("it had no floor: a plane at z = 0")
-    model, data = draft.compiled()
-    low, _ = lowest_and_highest(model, data, tree_bodies(model, model.body(root.name).id))
-    floor = float(planes[0].pos[2]) if planes else 0.0
-    root.pos = np.asarray(root.pos) + np.array([0.0, 0.0, floor - low])
+    character = draft.character()
+    lowest = lowest_heights(solids(character), _first_pose(character)).min()
+    root.pos = np.asarray(root.pos) + np.array([0.0, 0.0, character.floor_height - lowest])
 
 
-def _contact_points(draft: _Draft, root: mujoco.MjsBody, front: Array) -> None:
+def _contact_points(draft: _Draft, front: Array) -> None:
     """Sites where bodies stand, tied to the actor's toes and heels by side and by front."""
     if any(site.name.startswith("contact_") for site in draft.spec.sites):
         return
-    model, data = draft.compiled()
-    number = model.body(root.name).id
-    turn = data.xmat[number].reshape(3, 3)
-    ahead = turn @ front
+    character = draft.character()
+    model, pose = character.model, _first_pose(character)
+    ahead = pose.rotation[0, character.root_body] @ front
     left = np.cross([0.0, 0.0, 1.0], ahead)
-    bodies = tree_bodies(model, number)
-    low, high = lowest_and_highest(model, data, bodies)
-    height = high - low
-    middle = data.subtree_com[number]
+    under = undersides(character)
+    places = under.lowest(pose)[0]
     found = {
-        body: _standing(model, data, body, low, height, ahead, left) for body in bodies.tolist()
+        body: _standing(character, places[under.body == body], ahead, left)
+        for body in under.bodies.tolist()
     }
     made = [
         (body, place)
@@ -288,16 +292,17 @@ def _contact_points(draft: _Draft, root: mujoco.MjsBody, front: Array) -> None:
         if not _stands_on_another(model, body, found)
         for place in found[body]
     ]
+    middle = centre_of_mass(character, pose)[0]
     by_name = {body.name: body for body in draft.spec.bodies}
-    counts: dict[str, int] = {}
+    counts: Counter[str] = Counter()
     for body, place in made:
-        side = "left" if (place - middle) @ left >= 0 else "right"
-        mine = [p @ ahead for b, p in made if ((p - middle) @ left >= 0) == (side == "left")]
+        on_left = (place - middle) @ left >= 0
+        mine = [p @ ahead for _, p in made if ((p - middle) @ left >= 0) == on_left]
         part = "toe" if place @ ahead >= np.mean(mine) - 1e-9 else "heel"
-        tie = f"{side}_{part}"
-        counts[tie] = counts.get(tie, 0) + 1
+        tie = f"{'left' if on_left else 'right'}_{part}"
+        counts[tie] += 1
         name = f"contact_{tie}" + ("" if counts[tie] == 1 else f"_{counts[tie]}")
-        local = data.xmat[body].reshape(3, 3).T @ (place - data.xpos[body])
+        local = pose.rotation[0, body].T @ (place - pose.position[0, body])
         by_name[model.body(body).name].add_site(name=name, pos=local.tolist(), group=3)
         draft.spec.add_text(name=name, data=tie)
     if made:
@@ -310,94 +315,53 @@ def _contact_points(draft: _Draft, root: mujoco.MjsBody, front: Array) -> None:
 
 def _stands_on_another(model: mujoco.MjModel, body: int, found: dict[int, list[Array]]) -> bool:
     """Whether a body below it in its limb reaches as low: a shank behind its toe."""
-    return any(
-        other != body and found[other] and body in _ancestors(model, other) for other in found
-    )
+    below = tree_bodies(model, body).tolist()
+    return any(other != body and bool(found.get(other)) for other in below)
 
 
-def _ancestors(model: mujoco.MjModel, body: int) -> set[int]:
-    above = set()
-    while body:
-        body = int(model.body_parentid[body])
-        above.add(body)
-    return above
-
-
-def _standing(
-    model: mujoco.MjModel, data: mujoco.MjData, body: int, low: float, height: float,
-    ahead: Array, left: Array,
-) -> list[Array]:  # fmt: skip
-    """Where a body stands: the outermost of its lowest points; none if it does not."""
-    points = np.concatenate([*_surface(model, data, body), np.zeros((0, 3))])
-    points = points[points[:, 2] < low + _STANDS * height] if len(points) else points
+def _standing(character: Character, points: Array, ahead: Array, left: Array) -> list[Array]:
+    """Where a body stands: the outermost of its lowest points (n, 3); none if it does not."""
+    height = character.height
+    points = points[points[:, 2] < character.floor_height + _STANDS * height]
     if not len(points):
         return []
-    x, y = points @ ahead, points @ left
-    long, wide = np.ptp(x) > _WIDE * height, np.ptp(y) > _WIDE * height
-    ways = [ahead + left, ahead - left, -ahead + left, -ahead - left]
-    if not wide:
-        ways = [ahead, -ahead] if np.ptp(x) > 0.25 * _WIDE * height else [ahead]
-    elif not long:
-        ways = [left, -left]
+    long, wide = np.ptp(points @ ahead), np.ptp(points @ left)
+    if wide > _WIDE * height:
+        across = [left, -left]
+        ways = [a + b for a in (ahead, -ahead) for b in across] if long > _WIDE * height else across
+    else:
+        ways = [ahead, -ahead] if long > _LONG * height else [ahead]
     return [points[int(np.argmax(points @ way))] for way in ways]
 
 
-def _surface(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> Iterator[Array]:
-    """(n, 3) points of a body's geoms in the world: corners, rims and undersides."""
-    for geom in np.flatnonzero(model.geom_bodyid == body).tolist():
-        kind, size = int(model.geom_type[geom]), np.array(model.geom_size[geom])
-        turn, place = data.geom_xmat[geom].reshape(3, 3), data.geom_xpos[geom]
-        if kind == mujoco.mjtGeom.mjGEOM_MESH:
-            mesh = int(model.geom_dataid[geom])
-            first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
-            local = np.array(model.mesh_vert[first : first + count], dtype=np.float64)
-        elif kind == mujoco.mjtGeom.mjGEOM_BOX:
-            local = np.array(np.meshgrid([-1.0, 1], [-1.0, 1], [-1.0, 1])).reshape(3, 8).T * size
-        elif kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
-            angle = np.linspace(0, 2 * np.pi, 24, endpoint=False)
-            ring = np.c_[size[0] * np.cos(angle), size[0] * np.sin(angle)]
-            local = np.concatenate([np.c_[ring, np.full(24, end * size[1])] for end in (-1, 1)])
-        elif kind in (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_CAPSULE):
-            ends = [-size[1], size[1]] if kind == mujoco.mjtGeom.mjGEOM_CAPSULE else [0.0]
-            down = turn.T @ [0.0, 0.0, -size[0]]
-            local = np.array([down + np.array([0.0, 0.0, end]) for end in ends])
-        elif kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
-            along = turn.T @ [0.0, 0.0, -1.0]
-            local = (size**2 * along / np.linalg.norm(size * along))[None]
-        else:
-            continue
-        yield place + local @ turn.T
-
-
-def _face(draft: _Draft, root: mujoco.MjsBody, front: Array) -> None:
+def _face(draft: _Draft, front: Array) -> None:
     """A site that looks ahead on what is called a head, and the text that names it."""
     if any(text.name == "face" for text in draft.spec.texts):
         return
-    model, data = draft.compiled()
-    number = model.body(root.name).id
-    bodies = [b for b in tree_bodies(model, number).tolist() if _FACE.search(model.body(b).name)]
-    if not bodies:
+    character = draft.character()
+    body = _head(character)
+    if body is None:
         draft.notes.append(
             "nothing is called a head: without a face (docs/characters.md) the gaze is the root's"
         )
         return
-    body = bodies[-1]
-    ahead = data.xmat[number].reshape(3, 3) @ front
+    pose = _first_pose(character)
+    ahead = pose.rotation[0, character.root_body] @ front
     up = np.array([0.0, 0.0, 1.0])
-    frame = data.xmat[body].reshape(3, 3).T @ np.stack([ahead, np.cross(up, ahead), up], axis=1)
-    quat = np.zeros(4)
-    mujoco.mju_mat2Quat(quat, frame.ravel())
-    owner = next(b for b in draft.spec.bodies if b.name == model.body(body).name)
+    frame = pose.rotation[0, body].T @ np.stack([ahead, np.cross(up, ahead), up], axis=1)
+    name = character.model.body(body).name
+    owner = next(each for each in draft.spec.bodies if each.name == name)
     owner.add_site(
-        name="gaze", pos=np.array(model.body_ipos[body]).tolist(), quat=quat.tolist(), group=3
-    )
+        name="gaze", pos=np.array(character.model.body_ipos[body]).tolist(),
+        quat=matrix_to_quat(frame).tolist(), group=3,
+    )  # fmt: skip
     draft.spec.add_text(name="face", data="gaze")
-    draft.notes.append(f"the face is {owner.name!r}, looking to the front in the first pose")
+    draft.notes.append(f"the face is {name!r}, looking to the front in the first pose")
 
 
 def _copy_meshes(draft: _Draft, folder: Path) -> None:
     """Copy mesh and texture files beside the character, under names without folders."""
-    base = draft.source.parent / (draft.spec.meshdir or "")
+    base = draft.path.parent / (draft.spec.meshdir or "")
     files = [mesh for mesh in draft.spec.meshes if mesh.file]
     taken: dict[str, Path] = {}
     for mesh in files:
@@ -425,6 +389,6 @@ def _text(draft: _Draft, out: Path, assets: Path) -> str:
         text: str = spec.to_xml()
     except (ValueError, mujoco.FatalError) as error:
         raise InputError(
-            f"MuJoCo cannot write it: {' '.join(str(error).split())}", path=draft.source
+            f"MuJoCo cannot write it: {' '.join(str(error).split())}", path=draft.path
         ) from error
     return text

@@ -8,14 +8,15 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+import trimesh
 
 from physretarget.errors import InputError
 from physretarget.keyposes import actor_character_of_reference, check, propose
 from physretarget.keyposes.pose import KeyPose, KeyPoseSet
 from physretarget.keyposes.propose import planted_points
 from physretarget.mjcf import Character
-from physretarget.mjcf.authoring import author_character
 from physretarget.mjcf.reference import lowest_and_highest
+from physretarget.new_character import make_character
 
 INERTIAL = """<inertial><mass value="{m}"/><origin xyz="0 0 .05"/>
   <inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/></inertial>"""
@@ -49,7 +50,7 @@ def lamp(tmp_path: Path, *, x: float = 0.1, y: float = 0.0, base: str | None = N
 
 
 def test_a_desk_lamp_gets_a_free_root_and_stands_on_its_base(tmp_path: Path) -> None:
-    made = author_character(lamp(tmp_path), tmp_path / "out" / "lamp.xml")
+    made = make_character(lamp(tmp_path), tmp_path / "out" / "lamp.xml")
     character = Character.load(made.path)
     assert character.has_root
     assert character.model.body(character.root_body).name == "base"
@@ -66,14 +67,14 @@ def test_a_desk_lamp_gets_a_free_root_and_stands_on_its_base(tmp_path: Path) -> 
 
 
 def test_every_guess_is_said(tmp_path: Path) -> None:
-    notes = " ".join(author_character(lamp(tmp_path), tmp_path / "lamp.xml").notes)
+    notes = " ".join(make_character(lamp(tmp_path), tmp_path / "lamp.xml").notes)
     for word in ("free root", "neck had no limits", "front", "no floor", "contact points", "face"):
         assert word in notes
     assert "shoulder" not in notes, "its limits were in the file"
 
 
 def test_limits_of_the_file_stay_and_missing_ones_are_wide(tmp_path: Path) -> None:
-    made = author_character(lamp(tmp_path), tmp_path / "lamp.xml")
+    made = make_character(lamp(tmp_path), tmp_path / "lamp.xml")
     model = Character.load(made.path).model
     np.testing.assert_allclose(model.joint("shoulder").range, [-1, 1.5])
     np.testing.assert_allclose(model.joint("neck").range, np.radians([-60, 60]), atol=1e-4)
@@ -85,16 +86,16 @@ def test_limits_of_the_file_stay_and_missing_ones_are_wide(tmp_path: Path) -> No
 def test_the_front_is_where_the_head_is(
     tmp_path: Path, x: float, y: float, front: list[float]
 ) -> None:
-    made = author_character(lamp(tmp_path, x=x, y=y), tmp_path / "lamp.xml")
+    made = make_character(lamp(tmp_path, x=x, y=y), tmp_path / "lamp.xml")
     character = Character.load(made.path)
     np.testing.assert_allclose(character.front, front, atol=1e-9)
-    told = author_character(lamp(tmp_path, x=x, y=y), tmp_path / "lamp.xml", front="-y")
+    told = make_character(lamp(tmp_path, x=x, y=y), tmp_path / "lamp.xml", front="-y")
     np.testing.assert_allclose(Character.load(told.path).front, [0, -1, 0], atol=1e-9)
 
 
 def test_a_base_without_mass_gets_that_of_its_geometry(tmp_path: Path) -> None:
     """Robots' arms often leave it out, since their base is bolted down."""
-    made = author_character(lamp(tmp_path, base=""), tmp_path / "lamp.xml")
+    made = make_character(lamp(tmp_path, base=""), tmp_path / "lamp.xml")
     character = Character.load(made.path)
     volume = math.pi * 0.1**2 * 0.04
     mass = float(character.model.body("base").mass[0])
@@ -103,7 +104,7 @@ def test_a_base_without_mass_gets_that_of_its_geometry(tmp_path: Path) -> None:
 
 
 def test_a_first_key_pose_of_it_is_sound(tmp_path: Path) -> None:
-    character = Character.load(author_character(lamp(tmp_path), tmp_path / "lamp.xml").path)
+    character = Character.load(make_character(lamp(tmp_path), tmp_path / "lamp.xml").path)
     actor = np.array(actor_character_of_reference().reference_qpos)
     pose = KeyPose(
         name="stand", source="", sha256="", time=0.0, actor_qpos=actor,
@@ -126,7 +127,7 @@ def test_four_legs_are_tied_by_side_and_front(tmp_path: Path) -> None:
         "<mujoco><compiler angle='radian' autolimits='true'/><worldbody><body name='trunk'>"
         f"<geom type='box' size='.25 .1 .05'/>{legs}</body></worldbody></mujoco>"
     )
-    character = Character.load(author_character(source, tmp_path / "dog-character.xml").path)
+    character = Character.load(make_character(source, tmp_path / "dog-character.xml").path)
     bodies = [character.model.body(b).name for b in character.contacts.body]
     assert dict(zip(bodies, character.tied, strict=True)) == {
         "a": "left_toe", "b": "right_toe", "c": "left_heel", "d": "right_heel",
@@ -141,7 +142,7 @@ def test_up_is_what_it_is_told_to_be(tmp_path: Path) -> None:
         "<geom type='capsule' fromto='0 .02 0 0 .5 0' size='.02'/></body></body>"
         "</worldbody></mujoco>"
     )
-    made = author_character(source, tmp_path / "out.xml", up="+y")
+    made = make_character(source, tmp_path / "out.xml", up="+y")
     assert Character.load(made.path).height == pytest.approx(0.54, abs=1e-6)
 
 
@@ -164,12 +165,11 @@ def test_what_can_be_no_character_is_named(tmp_path: Path, text: str, said: str)
     source = tmp_path / "x.xml"
     source.write_text(text)
     with pytest.raises(InputError, match=said):
-        author_character(source, tmp_path / "out.xml")
+        make_character(source, tmp_path / "out.xml")
     assert not (tmp_path / "out.xml").exists()
 
 
 def test_meshes_come_along(tmp_path: Path) -> None:
-    trimesh = pytest.importorskip("trimesh")
     folder = tmp_path / "robot" / "meshes"
     folder.mkdir(parents=True)
     trimesh.creation.box((0.2, 0.2, 0.1)).export(folder / "base.stl")
@@ -180,7 +180,7 @@ def test_meshes_come_along(tmp_path: Path) -> None:
         "<joint name='j' range='-50 50'/><geom type='capsule' fromto='0 0 0 0 0 .2' size='.02'/>"
         "</body></body></worldbody></mujoco>"
     )
-    made = author_character(source, tmp_path / "elsewhere" / "c.xml")
+    made = make_character(source, tmp_path / "elsewhere" / "c.xml")
     (tmp_path / "robot").rename(tmp_path / "gone")
     assert Character.load(made.path).has_root
     assert str(tmp_path) not in made.path.read_text()
