@@ -96,10 +96,10 @@ def serve_command(
     Jobs run in confined child processes; docs/service.md has the API.
     """
     _check_extra()
+    from physretarget.listen import address, is_loopback, listen
     from physretarget.sandbox.limits import Limits
     from physretarget.service import logs
     from physretarget.service.home import Home
-    from physretarget.service.listen import address, is_loopback, listen
     from physretarget.service.settings import LOOPBACK, Settings
 
     if tls_key is not None and tls_cert is None:

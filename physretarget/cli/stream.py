@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 import json
-import socket
 import sys
 import time as clock
 from collections.abc import Iterable, Iterator
@@ -22,6 +21,7 @@ from physretarget.cli import app
 from physretarget.cli.common import Given, command, say
 from physretarget.demo import models_folder
 from physretarget.errors import InputError, UsageError
+from physretarget.listen import listen
 from physretarget.mjcf import Character
 from physretarget.options import STREAM, build
 from physretarget.options.motion import Resampling
@@ -167,16 +167,15 @@ def _played(path: Path, fps: float | None) -> Iterator[str]:
         yield json.dumps({"time": float(time), "qpos": qpos.tolist()})
 
 
-def _serve(trained: TrainedMapper, listen: str, delay: float = 0.0) -> None:
+def _serve(trained: TrainedMapper, place: str, delay: float = 0.0) -> None:
     """One connection after the other, each a stream of its own, until interrupted."""
-    host, _, port = listen.rpartition(":")
+    host, _, port = place.rpartition(":")
     if not host or not port.isdigit() or int(port) > 65535:
-        raise UsageError(f"--listen is {listen!r}; it must be HOST:PORT.")
-    with socket.create_server((host, int(port))) as server:
+        raise UsageError(f"--listen is {place!r}; it must be HOST:PORT.")
+    with listen(host, int(port)) as server:
         say(f"listening on {host}:{server.getsockname()[1]}")
         while True:
             connection, _address = server.accept()
-            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             with connection, connection.makefile("rw", encoding="utf-8") as file:
                 try:
                     _report(_run(trained, file, file, delay))

@@ -31,6 +31,7 @@ from physretarget.keyposes.candidates import (
     next_frames,
     start_name,
 )
+from physretarget.keyposes.limbs import Choice
 from physretarget.keyposes.propose import planted_points
 from physretarget.mjcf import Character
 from physretarget.options import PROPOSE, SUGGEST, build
@@ -72,7 +73,8 @@ def suggest_command(
     if len(found) < told.count:
         say(f"{len(found)} frames: no other is unlike these and what is posed.")
     places = [candidates.place(each.suggestion.index) for each in found]
-    _write(model, places, [each.reason for each in found], told.out, told.sheet)
+    limbs = posed.limbs if posed else ()
+    _write(model, places, [each.reason for each in found], told.out, told.sheet, limbs)
 
 
 @command(
@@ -136,6 +138,7 @@ def _write(
     reasons: list[str],
     out: Path | None,
     picture: Path | None,
+    limbs: Choice = (),
 ) -> None:
     """The start poses as a file to edit, and as a picture."""
     if out is None and picture is None:
@@ -154,7 +157,7 @@ def _write(
                 sha256=motion.source.sha256,
                 time=float(motion.time[frame]),
                 actor_qpos=actor,
-                qpos=propose(model, actor),
+                qpos=propose(model, actor, limbs=limbs),
                 planted=planted_points(actor),
                 note=f"Start pose, to be posed. {reason}.",
             )
@@ -164,6 +167,7 @@ def _write(
         character_sha256=model.sha256,
         license=LICENSE,
         poses=tuple({pose.name: pose for pose in poses}.values()),
+        limbs=limbs,
     )
     if out is not None:
         out.parent.mkdir(parents=True, exist_ok=True)

@@ -16,6 +16,7 @@ from physretarget.capture.actor import CONTACT_POINTS, REFERENCE_ACTOR
 from physretarget.errors import InputError
 from physretarget.files import write_file
 from physretarget.keyposes.layout import ACTOR_LAYOUT, JointError, Layout, layout_of
+from physretarget.keyposes.limbs import Choice, check_choice
 from physretarget.keyposes.pose import KeyPose, KeyPoseSet, merged
 from physretarget.mjcf import Character
 
@@ -26,7 +27,7 @@ Array = NDArray[np.float64]
 FORMAT = "physretarget/keyposes/1"
 MAX_CHARACTERS = 4 * 2**20  # the largest that comes with the package has 150 thousand
 MAX_LINE = 8192
-TOP_KEYS = ("format", "license", "reference_actor", "character", "pose")
+TOP_KEYS = ("format", "license", "reference_actor", "character", "limbs", "pose")
 POSE_KEYS = ("name", "note", "planted", "source", "actor", "character")
 
 
@@ -92,6 +93,7 @@ def save(keyposes: KeyPoseSet, path: str | PathLike[str], character: Character) 
         "license": keyposes.license,
         "reference_actor": keyposes.reference_actor,
         "character": {"name": keyposes.character_name, "sha256": keyposes.character_sha256},
+        **({"limbs": dict(keyposes.limbs)} if keyposes.limbs else {}),
         "pose": [_pose_table(pose, layout) for pose in keyposes.poses],
     }
     write_file(path, _compact(tomli_w.dumps(content)).encode())
@@ -161,6 +163,7 @@ class _Reader:
             character_sha256=self.character.sha256,
             license=_text(content.get("license", "")),
             poses=tuple(poses),
+            limbs=self._limbs(content),
             remarks=remarks,
         )
 
@@ -177,6 +180,17 @@ class _Reader:
         if told.get("sha256") == self.character.sha256:
             return ()
         return (f"{self.path.name} was posed on another version of {self.character.name!r}",)
+
+    def _limbs(self, content: Mapping[str, object]) -> Choice:
+        table = content.get("limbs", {})
+        if not isinstance(table, dict):
+            raise self._error("limbs must be a table", key="limbs")
+        for actor, mine in table.items():
+            try:
+                check_choice(self.character, actor, mine)
+            except InputError as error:
+                raise self._error(f"limbs: {error}", key=actor) from error
+        return tuple(table.items())
 
     def _pose(self, table: object, index: int) -> KeyPose:
         if not isinstance(table, dict):

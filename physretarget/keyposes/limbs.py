@@ -1,18 +1,19 @@
-"""Which limb of a character acts for which limb of the actor, by the shape of its tree.
+"""Which limb of a character acts for which of the actor's: as chosen, or by its tree's shape.
 
 What stands where the actor's feet stand are its legs, what stands where its hands stand its arms.
 Of the other limbs those that reach out to a side are the arm of that side (claws, flippers, wings);
-a tail behind and a head before act for none.
+a tail behind and a head before act for none. Who wants it otherwise says so in the key pose file.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from physretarget.errors import InputError
 from physretarget.ground.undersides import solids
 from physretarget.keyposes.face import face_of
 from physretarget.keyposes.layout import layout_of
@@ -20,9 +21,20 @@ from physretarget.keyposes.pairs import actor_character_of_reference
 from physretarget.kinematics import Pose, forward
 from physretarget.mjcf import Character
 
-__all__ = ["ACTOR_LIMBS", "Limb", "limb_targets", "limbs_of"]
+__all__ = [
+    "ACTOR_LIMBS",
+    "Choice",
+    "Limb",
+    "check_choice",
+    "limb_names",
+    "limb_targets",
+    "limbs_of",
+]
 
 Array = NDArray[np.float64]
+# What was chosen: a limb of the actor, and the body at which the character's limb begins that acts
+# for it, "" where none shall. What is not named goes by the shape.
+Choice = tuple[tuple[str, str], ...]
 
 # The actor's segments at which a limb begins, and at whose end it ends.
 ACTOR_LIMBS = {
@@ -42,7 +54,7 @@ class Limb:
     """A limb of a character.
 
     Attributes:
-        name: the actor's limb that it acts for.
+        name: the actor's limb that it acts for, "" if none.
         first, last: bodies at which it begins and ends.
         tip: (3,) its far end in the frame of ``last``, m.
         rest: (3,) from the beginning to the tip with all joints at zero, front +x, m.
@@ -55,14 +67,16 @@ class Limb:
     rest: Array
 
 
-def limb_targets(character: Character, actor_qpos: Array, pose: Pose) -> list[tuple[Limb, Array]]:
+def limb_targets(
+    character: Character, actor_qpos: Array, pose: Pose, choice: Choice = ()
+) -> list[tuple[Limb, Array]]:
     """Where the tip (3,) of each limb should be, in ``pose`` of the character and the actor's pose.
 
     The limb turns from its rest as the actor's turns from hanging, and folds as much.
     """
     now, hanging = _actor_vectors(actor_qpos), _actor_rest()
     found = []
-    for limb in limbs_of(character):
+    for limb in limbs_of(character, choice):
         way, rest = now[limb.name], hanging[limb.name]
         stretch = float(np.linalg.norm(way) / np.linalg.norm(rest))
         turned = _turn(rest, way) @ limb.rest
@@ -102,19 +116,46 @@ def _actor_vectors(qpos: Array) -> dict[str, Array]:
     return found
 
 
-@lru_cache(maxsize=8)
-def limbs_of(character: Character) -> tuple[Limb, ...]:
+def limb_names(character: Character) -> list[str]:
+    """Names of the bodies at which a limb begins; a limb of a body without a name is left out."""
+    names = [str(character.model.body(first).name) for first, _ in _chains(character)]
+    return list(dict.fromkeys(name for name in names if name))
+
+
+def check_choice(character: Character, actor: object, mine: object) -> None:
+    """That a limb of the character can be chosen for one of the actor's.
+
+    Raises:
+        InputError: the actor has no such limb, or no limb of the character begins there.
+    """
+    if actor not in ACTOR_LIMBS:
+        raise InputError(f"{actor!r} is no limb of the actor: {', '.join(ACTOR_LIMBS)}")
+    names = limb_names(character)
+    if mine != "" and mine not in names:
+        begin = f"they begin at {', '.join(names)}" if names else "it has none with a name"
+        raise InputError(
+            f'{actor} is {mine!r}, where no limb of {character.name!r} begins: {begin}; "" is none'
+        )
+
+
+@lru_cache(maxsize=32)
+def limbs_of(character: Character, choice: Choice = ()) -> tuple[Limb, ...]:
     """The limbs that act for one of the actor's; at most one for each."""
-    pose = _zero(character)
+    chosen, pose = dict(choice), _zero(character)
     found: dict[str, Limb] = {}
     for first, last in _chains(character):
         limb = _limb(character, pose, first, last)
         if limb is None:
             continue
-        before = found.get(limb.name)
-        # Of several the longest acts, and what stands before what hangs.
-        if before is None or np.linalg.norm(limb.rest) > np.linalg.norm(before.rest):
-            found[limb.name] = limb
+        body = character.model.body(first).name
+        wanted = [name for name, begins in chosen.items() if begins and begins == body]
+        # A limb that was chosen for one of the actor's acts for no other by its shape.
+        acts = wanted or [name for name in [limb.name] if name and name not in chosen]
+        for name in acts:
+            before = found.get(name)
+            # Of several the longest acts, and what stands before what hangs.
+            if before is None or np.linalg.norm(limb.rest) > np.linalg.norm(before.rest):
+                found[name] = replace(limb, name=name)
     return tuple(found[name] for name in ACTOR_LIMBS if name in found)
 
 
@@ -158,7 +199,7 @@ def _limb(character: Character, pose: Pose, first: int, last: int) -> Limb | Non
     if np.linalg.norm(rest) < 1e-6:
         return None
     name = _acts_for(character, first, last, end - pose.position[0, character.root_body])
-    return None if name is None else Limb(name, first, last, tip, rest)
+    return Limb(name, first, last, tip, rest)
 
 
 def _tip(character: Character, pose: Pose, first: int, last: int) -> Array:
@@ -171,7 +212,8 @@ def _tip(character: Character, pose: Pose, first: int, last: int) -> Array:
     return tip
 
 
-def _acts_for(character: Character, first: int, last: int, end: Array) -> str | None:
+def _acts_for(character: Character, first: int, last: int, end: Array) -> str:
+    """Which of the actor's limbs its shape says, "" if none."""
     model, chain, body = character.model, set(), last
     while body != int(model.body_parentid[first]):
         chain.add(body)
@@ -185,7 +227,7 @@ def _acts_for(character: Character, first: int, last: int, end: Array) -> str | 
     face = face_of(character)
     middle = abs(end[1]) < _MIDDLE * character.height
     if middle or (face is not None and face[0] in chain):
-        return None
+        return ""
     # Without named contacts: what hangs down to where the floor would be stands on it.
     leg = -end[2] > _HANGS * character.height
     return f"{'left' if end[1] > 0 else 'right'}_{'leg' if leg else 'arm'}"

@@ -54,6 +54,9 @@ class KeyPoseSet:
         reference_actor: version of the reference actor that carries the actor's poses.
         license: of the captures that they were posed from, and so of the poses.
         poses: the pairs, in the order of the file.
+        limbs: which limb of the character acts for the actor's in start poses: pairs of the actor's
+            limb and the body at which the character's begins, "" for none; what is not there goes
+            by the shape.
         remarks: what loading found odd, one sentence each.
     """
 
@@ -62,6 +65,7 @@ class KeyPoseSet:
     license: str
     poses: tuple[KeyPose, ...]
     reference_actor: str = REFERENCE_ACTOR
+    limbs: tuple[tuple[str, str], ...] = ()
     remarks: tuple[str, ...] = ()
 
     def __len__(self) -> int:
@@ -113,6 +117,7 @@ def merged(sets: Sequence[KeyPoseSet]) -> KeyPoseSet:
         license="; ".join(licences),
         poses=tuple(pose for each in sets for pose in each.poses),
         reference_actor=first.reference_actor,
+        limbs=tuple({actor: mine for each in reversed(sets) for actor, mine in each.limbs}.items()),
         remarks=tuple(dict.fromkeys(remark for each in sets for remark in each.remarks)),
     )
 

@@ -15,7 +15,7 @@ from physretarget.capture.actor import CONTACT_POINTS, SEGMENT
 from physretarget.errors import InputError
 from physretarget.keyposes.face import face_of
 from physretarget.keyposes.layout import layout_of
-from physretarget.keyposes.limbs import limb_targets
+from physretarget.keyposes.limbs import Choice, limb_targets
 from physretarget.keyposes.pairs import actor_character_of_reference
 from physretarget.keyposes.pose import without_heading
 from physretarget.keyposes.settle import settled
@@ -32,7 +32,11 @@ CONTACT_WEIGHT, FACE_WEIGHT, LIMB_WEIGHT, STAY_WEIGHT = 100.0, 1.0, 0.3, 2e-3
 
 
 def propose(
-    character: Character, actor_qpos: Array, *, planted: tuple[str, ...] | None = None
+    character: Character,
+    actor_qpos: Array,
+    *,
+    planted: tuple[str, ...] | None = None,
+    limbs: Choice = (),
 ) -> Array:
     """A start pose (nq,) of the character for a pose (75,) of the reference actor.
 
@@ -42,6 +46,12 @@ def propose(
     brought to the floor, and in the air lifted by as much as the actor's lowest contact point, in
     metres. Where not all can be had, contacts win over the face, the face over limbs, limbs over
     the root. At last nothing is in the floor.
+
+    Args:
+        character: whose pose it is.
+        actor_qpos: (75,) of the reference actor; its heading does not matter.
+        planted: the actor's contact points that stand; None for those within 3.5 cm of the floor.
+        limbs: which limb acts for the actor's, as :attr:`KeyPoseSet.limbs` has it.
 
     Raises:
         InputError: the character has no free root.
@@ -56,7 +66,7 @@ def propose(
     tied = [i for i, point in enumerate(character.tied) if point is not None]
     if tied:
         start = _lifted(character, start, tied, 0.0 if planted else min(heights.values()))
-    posed = _solved(character, start, actor_qpos, planted)
+    posed = _solved(character, start, actor_qpos, planted, limbs)
     if tied and not planted:
         posed = _lifted(character, posed, tied, min(heights.values()))
     down = settled(character, posed, planted=planted)
@@ -112,7 +122,11 @@ def _lifted(character: Character, qpos: Array, tied: list[int], height: float) -
 
 
 def _solved(
-    character: Character, start: Array, actor_qpos: Array, planted: tuple[str, ...]
+    character: Character,
+    start: Array,
+    actor_qpos: Array,
+    planted: tuple[str, ...],
+    limbs: Choice,
 ) -> Array:
     face, gaze = face_of(character), gaze_of_actor(actor_qpos)
     contacts = character.contacts
@@ -142,7 +156,7 @@ def _solved(
                 )
             )
         stands = {int(contacts.body[i]) for i in down}
-        for limb, place in limb_targets(character, actor_qpos, pose):
+        for limb, place in limb_targets(character, actor_qpos, pose, limbs):
             if limb.last not in stands:
                 targets.append(
                     PointTargets(

@@ -20,10 +20,21 @@ from pydantic import BaseModel, Field
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 
 from physretarget.errors import PhysretargetError, UsageError
-from physretarget.keyposes import KeyPose, actor_character_of_reference, check, settled
+from physretarget.keyposes import (
+    KeyPose,
+    KeyPoseSet,
+    actor_character_of_reference,
+    check,
+    settled,
+)
 from physretarget.keyposes.candidates import next_frames
+from physretarget.keyposes.face import face_of
 from physretarget.keyposes.layout import layout_of
+from physretarget.keyposes.limbs import ACTOR_LIMBS, limb_names, limbs_of
+from physretarget.keyposes.propose import SIGHT, gazes
 from physretarget.keyposes.settle import Pull, pulled
+from physretarget.kinematics import forward, points
+from physretarget.mjcf import Character
 from physretarget.replay.figures import body_poses, figure
 from physretarget.replay.payload import payload
 from physretarget.replay.scene import Scene
@@ -36,7 +47,8 @@ from physretarget.studio.session import Conflict, Session
 WEB = Path(__file__).with_name("web")
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
-    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    "connect-src 'self'; worker-src 'self'; base-uri 'none'; form-action 'none'; "
+    "frame-ancestors 'none'"
 )
 MOST_BYTES = 256 * 1024
 _TOKEN = "x-studio-token"
@@ -57,11 +69,13 @@ class Hand(BaseModel):
 
 
 class Gesture(BaseModel):
-    """What the hand does to a pose: drags points, or sets a joint."""
+    """What the hand does to a pose: drags points, or sets a joint; with ``gaze`` the face keeps
+    looking where it looks in the file."""
 
     name: Name
     qpos: Qpos
     planted: Planted = []
+    gaze: bool = False
     hands: Annotated[list[Hand], Field(max_length=8)] = []
     joint: Name | None = None
     value: float = 0.0
@@ -73,6 +87,7 @@ class Change(BaseModel):
     revision: int
     name: Name = ""
     other: Name = ""
+    limb: Name | None = None
     share: float = 1.0
     qpos: Qpos = []
     planted: Planted | None = None
@@ -259,6 +274,11 @@ def _changes(app: FastAPI, session: Session, rehearsal: Rehearsal) -> None:
         session.blend(change.name, change.other, change.share, change.revision)
         return _state(session)
 
+    @app.post("/api/limb")
+    def limb(change: Change) -> dict[str, Any]:
+        session.choose_limb(change.name, change.limb, change.revision)
+        return _state(session)
+
     @app.post("/api/undo")
     def undo(change: Change) -> dict[str, Any]:
         session.undo(change.revision)
@@ -277,6 +297,7 @@ def _state(session: Session) -> dict[str, Any]:
         "revision": session.revision,
         "undo": session.undoable,
         "redo": session.redoable,
+        "limbs": _limbs(session.character, keyposes),
         "remarks": [
             {"pose": r.pose, "severity": r.severity, "message": r.message} for r in remarks
         ],
@@ -289,6 +310,19 @@ def _state(session: Session) -> dict[str, Any]:
             for pose in keyposes.poses
         ],
     }  # fmt: skip
+
+
+def _limbs(character: Character, keyposes: KeyPoseSet) -> dict[str, Any]:
+    """Which limb acts for each of the actor's: as chosen (None: by the shape), and in effect."""
+    chosen = dict(keyposes.limbs)
+    names = {limb.name: limb.first for limb in limbs_of(character, keyposes.limbs)}
+    return {
+        actor: {
+            "chosen": chosen.get(actor),
+            "acts": character.model.body(names[actor]).name if actor in names else "",
+        }
+        for actor in ACTOR_LIMBS
+    }
 
 
 def _take_of(session: Session, pose: KeyPose) -> int | None:
@@ -337,6 +371,7 @@ def _stage(session: Session) -> dict[str, Any]:
         "takes": [
             {"name": take.name, "seconds": float(take.motion.time[-1])} for take in session.takes
         ],
+        "limbs": limb_names(character), "face": face_of(character) is not None,
         "points": sorted({tie for tie in character.tied if tie is not None}),
     }  # fmt: skip
 
@@ -359,6 +394,12 @@ def _moved(session: Session, gesture: Gesture) -> np.ndarray[Any, np.dtype[np.fl
         for hand in gesture.hands
         if hand.body in bodies and np.isfinite([*hand.local, *hand.target]).all()
     ]
+    if gesture.gaze and (face := face_of(character)) is not None:
+        body, place, ahead = face
+        gaze = gazes(character, session.find(gesture.name).qpos[None])[0]
+        pose = forward(character.tree, qpos[None])
+        origin = points(pose, np.array([body]), place[None])[0, 0]
+        pulls.append(Pull(body, place + SIGHT * ahead, origin + SIGHT * gaze))
     return pulled(character, qpos, pulls, planted=gesture.planted, held=held)
 
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import secrets
-import socket
 from collections.abc import Callable
 
 import uvicorn
 
-from physretarget.errors import UsageError
+from physretarget.listen import address, listen
 from physretarget.studio.app import build
 from physretarget.studio.session import Session
 
@@ -26,13 +25,9 @@ def serve(session: Session, *, host: str, port: int, ready: Callable[[str], None
     Raises:
         UsageError: the port is taken or not allowed.
     """
-    try:
-        listening = socket.create_server((host, port))
-    except (OSError, OverflowError) as error:
-        raise UsageError(f"cannot listen on {host}:{port}: {error}.") from error
-    with listening:
+    with listen(host, port) as listening:
         token = secrets.token_urlsafe(18)
-        ready(f"http://{host}:{listening.getsockname()[1]}/?token={token}")
+        ready(f"{address(listening, host)}/?token={token}")
         config = uvicorn.Config(
             build(session, token=token, hosts=[*LOCAL, host]), log_level="warning",
             access_log=False, server_header=False, timeout_graceful_shutdown=2,

@@ -28,6 +28,7 @@ from physretarget.keyposes import (
     without_heading,
 )
 from physretarget.keyposes.candidates import start_name
+from physretarget.keyposes.limbs import check_choice
 from physretarget.keyposes.mirror import mirrored
 from physretarget.keyposes.propose import planted_points
 from physretarget.kinematics import difference, integrate
@@ -181,7 +182,8 @@ class Session:
         pose = KeyPose(
             name=start_name(own.motion, own.frame(time)), source=own.name,
             sha256=own.motion.source.sha256, time=exact, actor_qpos=actor,
-            qpos=propose(self.character, actor, planted=planted), planted=planted,
+            qpos=propose(self.character, actor, planted=planted, limbs=self.keyposes.limbs),
+            planted=planted,
         )  # fmt: skip
 
         def grow(old: KeyPoseSet) -> KeyPoseSet:
@@ -249,6 +251,24 @@ class Session:
         qpos = integrate(tree, mine[None], share * way)[0]
         planted = self.find(name).planted
         self.put(name, settled(self.character, qpos, planted=planted), revision, what="blend")
+
+    def choose_limb(self, actor: str, mine: str | None, revision: int) -> None:
+        """Which of the character's limbs acts for one of the actor's, in poses begun from now on.
+
+        Args:
+            actor: the actor's limb.
+            mine: the body at which the character's begins, "" for none, None for what the shape
+                says.
+            revision: that it is made on.
+        """
+        if mine is not None:
+            check_choice(self.character, actor, mine)
+        self._ready(revision)
+        kept = {name: begins for name, begins in self.keyposes.limbs if name != actor}
+        if mine is not None:
+            kept[actor] = mine
+        words = f"limb for the {actor.replace('_', ' ')}"
+        self._change(words, revision, lambda old: replace(old, limbs=tuple(kept.items())))
 
     def undo(self, revision: int) -> None:
         """Take the last change back, without end."""

@@ -20,9 +20,9 @@ pytest.importorskip("prometheus_client", reason="the service needs the extra 'se
 
 import httpx
 
+from physretarget.listen import listen
 from physretarget.sandbox.pool import Pool
 from physretarget.service.app import create_app
-from physretarget.service.listen import listen
 from physretarget.service.server import Server, configuration
 from physretarget.service.service import Service
 from physretarget.service.settings import Settings

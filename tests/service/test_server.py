@@ -143,8 +143,7 @@ def test_a_port_that_is_taken(tmp_path: Path) -> None:
         taken.listen()
         ran = program("serve", "--port", str(taken.getsockname()[1]), "--data", str(tmp_path / "d"))
     assert ran.returncode == 2
-    assert "Address already in use" in ran.stderr
-    assert "--port" in ran.stderr
+    assert "choose another port" in ran.stderr
     assert ran.stderr.count("\n") == 1
 
 

@@ -11,6 +11,7 @@ import pytest
 from fastapi.testclient import TestClient
 
 from physretarget.keyposes import KeyPose, actor_character_of_reference
+from physretarget.keyposes.propose import gazes
 from physretarget.kinematics import forward, points
 from physretarget.mjcf import Character
 from physretarget.studio import Session
@@ -108,6 +109,37 @@ def test_a_slider_holds_its_joint_and_the_feet(session: Session, posed: TestClie
     }).json()  # fmt: skip
     assert found["qpos"][joint.qpos] == pytest.approx(0.2)
     assert found["errors"] == []
+
+
+def test_a_pinned_gaze_stays(session: Session, posed: TestClient) -> None:
+    """The trunk is dragged aside; the face turns with it, or goes on looking where it looked."""
+    pose, character = session.keyposes.poses[0], session.character
+    root = character.root_body
+    before = gazes(character, pose.qpos[None])[0]
+    start = forward(character.tree, pose.qpos[None])
+    away = []
+    for gaze in (False, True):
+        qpos = pose.qpos.tolist()
+        for _ in range(12):
+            qpos = posed.post("/api/drag", json={
+                "name": pose.name, "qpos": qpos, "planted": list(pose.planted), "gaze": gaze,
+                "hands": [{"body": root, "local": [0, 0, 0.1],
+                           "target": (start.position[0, root] + [0.06, 0.03, 0.07]).tolist()}],
+            }).json()["qpos"]  # fmt: skip
+        after = gazes(character, np.array(qpos)[None])[0]
+        away.append(np.degrees(np.arccos(np.clip(before @ after, -1, 1))))
+    assert away[1] < 1.0 < 3.0 < away[0]
+
+
+def test_limbs_are_listed_and_chosen(session: Session, posed: TestClient) -> None:
+    known = posed.get("/api/stage").json()["limbs"]
+    shape = posed.get("/api/state").json()["limbs"]["left_arm"]
+    assert shape["chosen"] is None
+    assert shape["acts"] in known
+    found = change(posed, "limb", name="left_arm", limb="")
+    assert found["limbs"]["left_arm"] == {"chosen": "", "acts": ""}  # type: ignore[index]
+    found = change(posed, "limb", name="left_arm", limb=None)
+    assert found["limbs"]["left_arm"] == shape  # type: ignore[index]
 
 
 def test_a_drag_takes_under_a_frame(session: Session, posed: TestClient) -> None:

@@ -127,3 +127,48 @@ def test_a_studio_that_is_gone_is_named(session: Session, address: str, browser:
     page.click("#mirror")
     text(page, "saved", "does not answer", part=True)
     assert len(session.keyposes) == 2
+
+
+def test_the_body_follows_the_hand_sixty_times_a_second(
+    session: Session, address: str, browser: object
+) -> None:
+    """Asked beside the page, as it is here while software draws it; half of that on a busy
+    machine. An answer that waits for an acknowledgement comes 20 times a second."""
+    page, told = opened(browser, address)
+    pose = session.keyposes.poses[0]
+    rate = page.evaluate(  # type: ignore[attr-defined]
+        """async ([name, qpos, planted]) => {
+          const token = new URLSearchParams(location.search).get("token");
+          const worker = new Worker("/web/hand.js");
+          worker.postMessage({ token });
+          let answers = 0;
+          worker.onmessage = ({ data }) => { answers += data.found ? 1 : 0; };
+          const begin = performance.now();
+          let turn = 0, seconds = 0;
+          while (seconds < 3) {
+            turn = 1 - turn;
+            const hands = [{ body: 3, local: [0, 0, 0], target: [0.1 * turn, 0, 0.35] }];
+            worker.postMessage({ gesture: { name, planted, hands, ...(answers ? {} : { qpos }) },
+              held: true, about: 1 });
+            await new Promise((done) => setTimeout(done, 60));
+            seconds = (performance.now() - begin) / 1000;
+          }
+          worker.terminate();
+          return answers / seconds;
+        }""",
+        [pose.name, pose.qpos.tolist(), list(pose.planted)],
+    )
+    assert rate > 30
+    assert told == []
+
+
+def test_a_limb_is_chosen_on_the_page(session: Session, address: str, browser: object) -> None:
+    page, told = opened(browser, address)
+    page.locator("#limbs summary").click()  # type: ignore[attr-defined]
+    page.get_by_label("Limb for the actor's left arm").select_option("head")  # type: ignore[attr-defined]
+    text(page, "undo", "Undo: limb for the left arm")
+    assert dict(session.keyposes.limbs) == {"left_arm": "head"}
+    page.get_by_label("Limb for the actor's left arm").select_option("?")  # type: ignore[attr-defined]
+    text(page, "saved", "saved")
+    sync_api.expect(page.get_by_label("Limb for the actor's left arm")).to_have_value("?")  # type: ignore[attr-defined]
+    assert told == []

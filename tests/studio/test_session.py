@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from physretarget.errors import InputError, PhysretargetError, UsageError
-from physretarget.keyposes import check, load
+from physretarget.keyposes import actor_character_of_reference, check, load, propose
+from physretarget.keyposes.limbs import limb_names, limbs_of
 from physretarget.kinematics import forward, points
 from physretarget.mjcf import Character
 from physretarget.studio import Conflict, Session, Take
@@ -222,3 +223,43 @@ def test_a_file_of_another_character_is_refused(session: Session, tmp_path: Path
     session.add(0, 0.1, session.revision)
     with pytest.raises(InputError, match="penguin"):
         Session(lamp, session.path)
+
+
+def test_a_limb_is_chosen_kept_and_taken_back(session: Session) -> None:
+    """The left flipper, told to do what the right arm does, rises with it."""
+    names = limb_names(session.character)
+    left = next(n for n in names if "left" in n and "flipper" in n)
+    raised = actor_character_of_reference().reference_qpos.copy()
+    raised[0:7] = [0, 0, 0.95, 1, 0, 0, 0]
+    joints = actor_character_of_reference().tree.joints
+    body = {actor_character_of_reference().model.body(j.body).name: j for j in joints}
+    arm = body["right_upper_arm"]
+    raised[arm.qpos : arm.qpos + 4] = [np.cos(0.7), -np.sin(0.7), 0, 0]  # out to the right
+    session.choose_limb("right_arm", left, session.revision)
+    assert dict(load(session.path, session.character).limbs) == {"right_arm": left}
+    acts = {limb.name: limb.first for limb in limbs_of(session.character, session.keyposes.limbs)}
+    assert session.character.model.body(acts["right_arm"]).name == left
+    assert "left_arm" not in acts, "a limb acts for one of the actor's only"
+    poses = [
+        propose(session.character, raised, limbs=limbs) for limbs in ((), session.keyposes.limbs)
+    ]
+    first = next(i for i in range(session.character.model.nbody)
+                 if session.character.model.body(i).name == left)  # fmt: skip
+    tips = [forward(session.character.tree, p[None]).rotation[0, first] for p in poses]
+    turn = np.arccos(np.clip((np.trace(tips[0].T @ tips[1]) - 1) / 2, -1, 1))
+    assert turn > np.radians(20)
+    session.undo(session.revision)
+    assert session.keyposes.limbs == ()
+
+
+def test_a_limb_that_is_none_is_refused(session: Session) -> None:
+    with pytest.raises(InputError, match="no limb of the actor"):
+        session.choose_limb("tail", "", session.revision)
+    with pytest.raises(InputError, match="where no limb of 'penguin' begins: they begin at"):
+        session.choose_limb("left_arm", "trunk", session.revision)
+    session.add(0, 0.1, session.revision)
+    text = session.path.read_text().replace("[[pose]]", '[limbs]\nleft_arm = "nose"\n\n[[pose]]', 1)
+    session.path.write_text(text)
+    with pytest.raises(InputError, match="left_arm is 'nose'") as told:
+        load(session.path, session.character)
+    assert told.value.line == text[: text.index('left_arm = "nose"')].count("\n") + 1

@@ -93,7 +93,7 @@
   }
 
   function suggestion(each) {
-    return button(`${stage.takes[each.take].name} at ${each.time.toFixed(2)} s`, () => {
+    return button(`${each.time.toFixed(2)} s in ${stage.takes[each.take].name}`, () => {
       choose(each.take);
       to(each.time);
       change("add", { take: each.take, time: each.time });
@@ -111,6 +111,7 @@
       if (mine.length) made.className = mine.some((r) => r.severity === "error") ? "bad" : "warn";
       return item;
     }));
+    limbs();
     $("undo").disabled = !state.undo;
     $("redo").disabled = !state.redo;
     $("undo").textContent = state.undo ? `Undo: ${state.undo}` : "Undo";
@@ -163,27 +164,41 @@
     }));
   }
 
-  /** Only the newest gesture is asked for; while one is on its way the next waits. */
-  let asked = null, busy = false;
-  async function drag(gesture) {
-    asked = gesture;
-    if (busy) return;
+  /** Gestures are answered beside the page, by hand.js; the newest answer is shown with the frame. */
+  const worker = new Worker("/web/hand.js");
+  let about = 0, answered = null, waiting = [];
+  const idle = () => new Promise((done) => { if (busy) waiting.push(done); else done(); });
+  let busy = false;
+  function drag(gesture, held = false) {
+    about += 1;
     busy = true;
-    try {
-      while (asked) {
-        const now = asked;
-        asked = null;
-        const found = await ask("drag", { name: selected, planted: pose.planted, ...now, qpos: pose.qpos });
-        if (!pose || pose.name !== selected) continue;
-        const way = Math.max(...found.qpos.map((value, k) => Math.abs(value - pose.qpos[k])));
-        told(found);
-        if (dragging && !asked && now.hands && now.hands.length && way > 2e-3) asked = now; // still on its way
-      }
-    } catch (error) { say(error.message, true); } finally { busy = false; }
+    const whole = { name: selected, planted: pose.planted, gaze: $("gaze").firstChild.checked, ...gesture };
+    worker.postMessage({ gesture: held && dragging.begun ? whole : { ...whole, qpos: pose.qpos }, held, about });
+    if (held) dragging.begun = true;
+    return idle();
   }
+  function arrived() {
+    const found = answered;
+    answered = null;
+    if (found && pose && pose.name === found.name) told(found.found);
+  }
+  worker.onmessage = ({ data }) => {
+    if (data.error) { say(data.error, true); return; }
+    if (data.found) {
+      if (!answered) requestAnimationFrame(arrived);
+      answered = data;
+      return;
+    }
+    if (data.idle !== about) return; // a later gesture is on its way to the worker
+    arrived();
+    busy = false;
+    for (const done of waiting.splice(0)) done();
+  };
+  worker.postMessage({ token });
 
   async function settle() {
-    while (busy) await new Promise((done) => setTimeout(done, 5));
+    worker.postMessage({ released: true });
+    await idle();
     if (pose) await change("put", { name: selected, qpos: pose.qpos, planted: pose.planted });
   }
 
@@ -224,6 +239,21 @@
     }));
   }
 
+  /** Which limb of the character acts for which of the actor's. */
+  function limbs() {
+    $("pairs").replaceChildren(...Object.entries(state.limbs).map(([actor, found]) => {
+      const label = document.createElement("label"), select = document.createElement("select");
+      const name = actor.replace("_", " ");
+      select.append(new Option(`as it is built: ${found.chosen === null ? found.acts || "none" : "…"}`, "?"),
+        new Option("none", ""), ...stage.limbs.map((body) => new Option(body, body)));
+      select.value = found.chosen === null ? "?" : found.chosen;
+      select.setAttribute("aria-label", `Limb for the actor's ${name}`);
+      select.onchange = () => change("limb", { name: actor, limb: select.value === "?" ? null : select.value });
+      label.append(name, select);
+      return label;
+    }));
+  }
+
   // ---- the hand ------------------------------------------------------------------------------
   function hands(canvas) {
     canvas.addEventListener("pointerdown", (event) => {
@@ -240,7 +270,7 @@
       event.stopImmediatePropagation();
       const { handle } = dragging, place = character.under(event.clientX, event.clientY, dragging.from);
       dragging.moved = true;
-      drag({ hands: [{ body: handle.body, local: handle.local, target: place.toArray() }] });
+      drag({ hands: [{ body: handle.body, local: handle.local, target: place.toArray() }] }, true);
     }, { capture: true });
     const end = async (event) => {
       if (!dragging) return;
@@ -394,7 +424,8 @@
 
   async function open() {
     [stage, state] = await Promise.all([ask("stage"), ask("state")]);
-    $("file").textContent = stage.file;
+    $("file").firstChild.textContent = stage.file;
+    $("file").title = stage.file;
     document.title = `${stage.character}, physretarget studio`;
     $("caption").textContent = stage.character;
     character = new physretarget.View($("character").querySelector("canvas"), stage.scene);
@@ -403,6 +434,8 @@
     hands($("character").querySelector("canvas"));
     joints();
     controls();
+    $("gaze").hidden = !stage.face;
+    $("limbs").hidden = !stage.limbs.length;
     $("take").replaceChildren(...stage.takes.map((each, k) => new Option(each.name, k)));
     for (const id of ["take", "play", "add", "until"]) $(id).disabled = !stage.takes.length;
     if (stage.takes.length) { scrub(); await choose(0); }

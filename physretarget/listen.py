@@ -41,7 +41,7 @@ def listen(host: str, port: int) -> socket.socket:
         made.close()
         reason = os.strerror(error.errno) if error.errno else str(error)
         raise UsageError(
-            f"cannot listen at {host}, port {port}: {reason}; --port takes another."
+            f"cannot listen at {host}, port {port}: {reason}; choose another port."
         ) from error
     return made
 
