@@ -1,6 +1,6 @@
-"""Run the benchmarks side by side and write docs/performance.md.
+"""Run the benchmarks side by side and write docs/measured/performance.md.
 
-    python -m benchmarks [--other PYTHON] [--out docs/performance.md]
+    python -m benchmarks [--other PYTHON] [--out docs/measured/performance.md]
 
 PYTHON is an interpreter of an environment with GPy and scikit-learn
 (`python -m venv E && E/bin/pip install GPy scikit-learn`); without it their rows are left out.
@@ -80,7 +80,7 @@ def page(other: str | None) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--other", help="interpreter of an environment with GPy, scikit-learn")
-    parser.add_argument("--out", type=Path, default=Path("docs/performance.md"))
+    parser.add_argument("--out", type=Path, default=Path("docs/measured/performance.md"))
     options = parser.parse_args()
     text = page(options.other)
     options.out.write_text(text, encoding="utf-8")

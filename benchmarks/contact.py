@@ -1,4 +1,6 @@
-"""How still planted points hold after contact, and how deep they are: the table of docs/contact.md.
+"""How still planted points hold after contact, and how deep they are.
+
+Prints the first table of docs/measured/contact.md.
 
     python -m benchmarks.contact [--data FOLDER]
 

@@ -2,7 +2,7 @@
 
     python -m benchmarks.fix [--out docs/measured/fix.md]
 
-Needs the generated clips of the G1 (docs/data.md). Each clip is judged with ``--profile robot
+Needs the generated clips of the G1 (docs/evidence.md). Each clip is judged with ``--profile robot
 --lowpass 6`` before and after. The clips, cleaned, are the sound ones; they are mended too.
 """
 
@@ -177,7 +177,7 @@ def main() -> None:
     args = parser.parse_args()
     bases = [base for name in NAMES if (base := g1(name)) is not None]
     if not bases:
-        raise SystemExit("The clips of the G1 are not here: see docs/data.md.")
+        raise SystemExit("The clips of the G1 are not here: see docs/evidence.md.")
     kinds = [k for k in KINDS if not args.kinds or any(word in k.name for word in args.kinds)]
     table = {}
     for kind in kinds:

@@ -1,7 +1,7 @@
 """Other tools' numbers and ours on the same motions at several frame rates.
 
 Run: python benchmarks/other_definitions.py CLIP.csv --model MODEL.xml [--fps 30] [--lowpass 6]
-     [--out docs/other-definitions.md]
+     [--out docs/measured/other-definitions.md]
 Prints the tables of that page, or writes them into it, between its comments, with its picture.
 Two motions are made up, so that the truth is known; the third is the clip.
 """

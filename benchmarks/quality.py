@@ -1,6 +1,6 @@
 """How good the clips are: tables over real captures, to be run again after any tuning.
 
-    python -m benchmarks.quality [--data FOLDER] [--out docs/retarget-quality.md]
+    python -m benchmarks.quality [--data FOLDER] [--out docs/measured/quality.md]
 
 Captures: those of the pybullet wheel, and of FOLDER ($PHYSRETARGET_DATA) where it is present.
 """

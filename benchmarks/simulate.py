@@ -41,7 +41,7 @@ HEAD = (
 PAGE = """# Clips that MuJoCo plays
 
 Made by `python -m benchmarks.simulate --out docs/measured/simulate.md`: clips of the last stage on
-three characters and a robot's clips, played forward by torques alone (docs/simulate.md). In
+three characters and a robot's clips, played forward by torques alone (docs/validate.md). In
 brackets the deviation that is aimed at. The last two columns follow the gains from 5 mm aside:
 distance of the root from the recorded end.
 """

@@ -3,8 +3,8 @@
     python -m benchmarks.stream [--characters penguin squirrel lamp] [--data FOLDER]
                                 [--delays 0 0.25 0.5 1] [--passes 12] [--only latency|travel]
 
-Prints all tables of docs/stream.md, in its order. Captures: those of the pybullet wheel, and of
-FOLDER ($PHYSRETARGET_DATA) where it is present. The stream is fed the batch path's own filtered
+Prints all tables of docs/measured/stream.md. Captures: those of the pybullet wheel, and of FOLDER
+($PHYSRETARGET_DATA) where it is present. The stream is fed the batch path's own filtered
 frames at 60 per second, with one BLAS thread.
 """
 

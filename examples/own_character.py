@@ -1,4 +1,4 @@
-"""Key poses of one's own character from suggestions, by script: see docs/studio.md.
+"""Key poses of one's own character from suggestions, by script: see docs/characters.md.
 
 python examples/own_character.py robot.urdf walk.bvh
 """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
@@ -64,9 +65,25 @@ def test_an_own_character_is_posed(tmp_path: Path, motions: Path) -> None:
     assert re.search(r"\d key poses; (passed|failed)", done.stdout)
 
 
+def test_robot_clips_are_judged_in_ci(tmp_path: Path) -> None:
+    lamp = Character.load(models_folder() / "lamp.xml")
+    rows = np.tile(lamp.reference_qpos, (40, 1))
+    (tmp_path / "clips").mkdir()
+    np.savetxt(tmp_path / "clips" / "still.csv", rows, delimiter=",")
+    command = [EXAMPLES / "robot_clip_in_ci.sh", models_folder() / "lamp.xml", "clips", "30"]
+    done = subprocess.run(
+        [str(word) for word in command], cwd=tmp_path, capture_output=True, text=True,
+        check=False, timeout=120,
+        env={**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    for name in ("clips.junit.xml", "clips.sarif", "summary.md"):
+        assert (tmp_path / name).stat().st_size > 100
+
+
 def test_every_example_is_run_here() -> None:
     text = Path(__file__).read_text()
-    assert all(f'"{path.name}"' in text for path in EXAMPLES.glob("*.py"))
+    assert all(f'"{path.name}"' in text for path in EXAMPLES.iterdir() if path.is_file())
 
 
 def test_the_map_of_rooms_is_that_of_the_house() -> None:

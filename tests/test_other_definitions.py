@@ -1,4 +1,4 @@
-"""What docs/other-definitions.md says of motions whose truth is known."""
+"""What docs/measured/other-definitions.md says of motions whose truth is known."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def test_a_flawless_hop_floats_by_physdiff_alone(script: ModuleType):
 
 
 def test_the_page_has_the_table_that_the_script_writes(script: ModuleType):
-    page = (ROOT / "docs" / "other-definitions.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "measured" / "other-definitions.md").read_text(encoding="utf-8")
     for label, *_ in script.NUMBERS:
         assert f"\n| {label} | " in page
     found = script.judge(*script.slide(), 3.0, None)

@@ -49,7 +49,7 @@ def reproduce_command(
         typer.Option(
             "--data",
             metavar="DIR",
-            help="Folder of captures and keys; docs/reproduction.md and docs/face.md say which.",
+            help="Folder of captures and keys; docs/evidence.md and docs/face.md say which.",
         ),
     ],
     out: Annotated[

@@ -63,7 +63,7 @@ def retarget_command(captures: CapturesArgument, given: Given) -> None:
 
     Needs key poses (--keyposes), or what learn made of them (--mapper MAPPER.npz). The stages:
     mapped (poses), placed (the way over the floor), contacted (feet), physical (the root's
-    height), balanced; and on demand simulated (what MuJoCo plays, docs/simulate.md), whose proof
+    height), balanced; and on demand simulated (what MuJoCo plays, docs/validate.md), whose proof
     goes beside the clip as NAME.sim.npz.
     """
     out: Path = given["out"]

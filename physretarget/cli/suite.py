@@ -30,7 +30,7 @@ group = typer.Typer(
 app.add_typer(group, name="suite")
 
 File = Annotated[
-    Path, typer.Argument(metavar="SUITE.toml", help="Clips and models; see docs/suite.md.")
+    Path, typer.Argument(metavar="SUITE.toml", help="Clips and models; see docs/validate.md.")
 ]
 History = Annotated[
     str | None,

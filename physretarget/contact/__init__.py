@@ -8,7 +8,7 @@
 ``phases`` holds the timetable and its file, ``detect`` finds it in a motion. ``sole`` is one
 rigid body's contact points, ``stances`` where and when it stands, ``track`` its rigid path
 through stances and flights; ``adjust`` moves the character there. Yamane 2010, section 5.2;
-``docs/contact.md`` says what was added and why.
+``docs/method.md`` says what was added and why.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
     markers (.trc) ─▶ actor ─▶ inverse dynamics ─▶ required force ┐
     plates (.mot) ──────────▶ the same filter ───▶ measured force ┴▶ Comparison ─▶ page
 
-``python -m physretarget.groundtruth FOLDER --out docs/ground-truth.md`` writes the page.
+``python -m physretarget.groundtruth FOLDER --out docs/measured/ground-truth.md`` writes the page.
 """
 
 from __future__ import annotations

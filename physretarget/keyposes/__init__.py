@@ -2,7 +2,7 @@
 
 Each pairs a pose of the reference actor with a pose of the character, both with the heading
 and the horizontal position taken out. They live in TOML files that can be read, written and
-mended by hand; see docs/keyposes.md for the format.
+mended by hand; see docs/characters.md for the format.
 """
 
 from __future__ import annotations

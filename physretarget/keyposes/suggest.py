@@ -5,7 +5,7 @@ before anything is posed: the variance of a Gaussian process depends on which fr
 not on how. Frames are chosen one after the other, each the one whose variance, given all that is
 posed or chosen so far, is largest: new ground first, and nothing twice. Taking the variance away
 from all frames together instead spends key poses on what lasts long, not on what differs; it did
-worse (docs/suggest.md).
+worse (docs/measured/suggest.md).
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@
          └──▶ which points touch ──▶ shared between the soles ──▶ GroundForces (.mot, .csv)
 
 ``flight`` corrects the vertical course by the capture's own flights, ``treadmill`` finds the
-belt under the feet, ``feet`` shares the wrench between both. ``docs/forces.md`` says how well it
+belt under the feet, ``feet`` shares the wrench between both. ``docs/captures.md`` says how well it
 does against force plates.
 """
 

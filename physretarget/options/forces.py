@@ -12,7 +12,7 @@ from physretarget.options.declaration import check, option
 class ForcesOptions:
     """How a capture is filtered before its forces are taken.
 
-    10 Hz come nearest to unfiltered plates in jumps, walks and squats (docs/forces.md).
+    10 Hz come nearest to unfiltered plates in jumps, walks and squats (docs/captures.md).
     """
 
     lowpass_hz: float | None = option(

@@ -5,5 +5,5 @@
 * :mod:`~physretarget.sandbox.mjcf`: models, looked at before MuJoCo sees them;
 * :mod:`~physretarget.sandbox.child`: running a task in a process that can reach nothing else.
 
-The threats, and what is not defended, are in docs/threat-model.md.
+The threats, and what is not defended, are in docs/service.md.
 """

@@ -1,7 +1,6 @@
 """What a simulation is asked for and what it is made of: every constant with unit and source.
 
-Sources: *measured* is a comparison on clips of four bodies (docs/simulate.md, "Where the constants
-come from"); *definition* needs none.
+Sources: *measured* is a comparison on clips of four bodies; *definition* needs none.
 """
 
 from __future__ import annotations

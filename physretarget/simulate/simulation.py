@@ -20,7 +20,7 @@ __all__ = ["Simulation", "SimulationMeasures", "options_text"]
 Array = NDArray[np.float64]
 
 _FAIR_SHARE = 0.05
-"""Deviation, of the height, that halves the score: what a run may have (docs/simulate.md)."""
+"""Deviation, of the height, that halves the score: what a run may have (docs/validate.md)."""
 _FAIR_FORCE = 0.05
 """Assist, BW RMS, that halves the score: residual forces of 5 % (Hicks et al. 2015)."""
 
@@ -120,7 +120,7 @@ class Simulation:
         return self.ending == "end"
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write ``SIM.npz``: a clip file with the proof in it, see docs/simulate.md."""
+        """Write ``SIM.npz``: a clip file with the proof in it, see docs/validate.md."""
         proof: dict[str, NDArray[Any]] = {
             "sim_timestep": np.array(self.timestep),
             "sim_qpos0": self.clip.qpos[0],

@@ -2,8 +2,8 @@
 
     actor pose ─ features ─▶ latent point ─ ik ─▶ pose ─ centre of mass ─▶ place ─ contact ─▶ pose
 
-Each stage is the batch path's with what only the past can tell; see docs/stream.md for how far
-the two agree.
+Each stage is the batch path's with what only the past can tell; docs/measured/stream.md says
+how far the two agree.
 """
 
 from __future__ import annotations

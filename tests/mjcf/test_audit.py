@@ -157,6 +157,6 @@ def test_our_own_models_are_sound(name: str) -> None:
 
 
 def test_every_fact_is_documented() -> None:
-    page = (Path(__file__).parents[2] / "docs" / "characters.md").read_text()
+    page = (Path(__file__).parents[2] / "docs" / "measures.md").read_text()
     for key, what in AUDIT_KEYS.items():
         assert f"| `{key}` | {what} |" in page

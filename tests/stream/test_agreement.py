@@ -1,4 +1,4 @@
-"""The tolerances that docs/stream.md states, on captures of several sources."""
+"""The tolerances that docs/measured/stream.md states, on captures of several sources."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from physretarget.trained import TrainedMapper
 SHAPE = {"lamp": 10.0, "penguin": 8.0, "squirrel": 8.0}
 WALK = {"lamp": 6.0, "penguin": 5.0, "squirrel": 5.0}
 DRIFT = {"lamp": 25.0, "penguin": 13.0, "squirrel": 13.0}
-"""Percent of the height, median over a capture's frames; docs/stream.md."""
+"""Percent of the height, median over a capture's frames; docs/measured/stream.md."""
 WALKS = ("walk", "bandai_walk")
 WHEEL = ("walk", "run", "dance_b")
 DATA = {

@@ -2,7 +2,7 @@
 
 What it does
 ------------
-With ``--simulate`` the clip is played forward by joint torques alone (docs/simulate.md). The
+With ``--simulate`` the clip is played forward by joint torques alone (docs/validate.md). The
 finding is at the moment when the markers are a quarter of the height off their places, root mean
 square, and no second attempt came further.
 
