@@ -18,7 +18,7 @@ $(VENV)/.demo: pyproject.toml constraints.txt
 
 $(VENV)/.installed: $(VENV)/.demo
 	@echo "Installing what the tests need, another 1 GB."
-	$(PIP) -e '.[demo,video,test]'
+	$(PIP) -e '.[demo,video,test,docs]'
 	touch $@
 
 install: $(VENV)/.installed
@@ -32,7 +32,11 @@ lint: install
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
 
-test: lint
+# The site of docs/, in out/site. (The theme advertises its successor unless told not to.)
+docs: install
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+
+test: lint docs
 	$(BIN)/python -m pytest
 
 bench: install
