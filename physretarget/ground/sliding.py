@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,7 +14,6 @@ from physretarget.kinematics import Pose
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
-Series = dict[str, NDArray[np.generic]]
 
 # Sliding counts of bodies that bear more than this share of body weight and of all that is borne.
 LOADED_BW, LOADED_SHARE = 0.1, 0.25
@@ -23,6 +24,34 @@ _STEEP, _UNEVEN_M = 0.25, 0.002
 # Sliding is seen over this long, or a frame where that is longer: a limit on height makes sense
 # only beside a time, and a clip of 120 frames/s must slide like one of 30.
 SLIDE_SPAN_S = 1 / 30
+
+
+@dataclass(frozen=True, eq=False)
+class Skate:
+    """Sliding of loaded bodies.
+
+    Attributes:
+        speed: (T,) m/s of the fastest; a body is as fast as its slowest loaded point.
+        free: (T,) m/s, the part of it that friction does not brake.
+        body: (T,) which body that is.
+    """
+
+    speed: Floats
+    free: Floats
+    body: Ints
+
+
+@dataclass(frozen=True, eq=False)
+class Arrows:
+    """The four largest forces on bodies, to be drawn; zero where fewer bodies bear load.
+
+    Attributes:
+        origin: (T, 4, 3) m, where they act.
+        force: (T, 4, 3) BW.
+    """
+
+    origin: Floats
+    force: Floats
 
 
 def sliding(
@@ -89,13 +118,13 @@ def _place(pose: Pose, frame: Ints, body: Ints, local: Floats) -> Floats:
     return place
 
 
-def skate(support: Support, force: Floats, free: Bools) -> Series:
-    """Sliding of loaded bodies: ``skate`` (T,) m/s of the fastest, and ``skate_body``.
+def skate(support: Support, force: Floats, free: Bools) -> Skate:
+    """Sliding of loaded bodies.
 
     A body slides as fast as its slowest loaded point, so that rolling over the toes or turning
-    about the heel is no sliding. Bodies that slide must together bear enough. ``skate_free`` counts
-    only frames ``free`` (T,) in which friction does not brake it: a body that skids to a halt with
-    its force on the edge of the cone, against the motion, does what physics asks of it.
+    about the heel is no sliding. Bodies that slide must together bear enough. In frames that are
+    not ``free`` (T,) friction brakes them: a body that skids to a halt with its force on the edge
+    of the cone, against the motion, does what physics asks of it.
     """
     speed = speeds(support.velocity)
     total = force[..., 2].sum(axis=1)
@@ -110,11 +139,7 @@ def skate(support: Support, force: Floats, free: Bools) -> Series:
     enough = np.maximum(LOADED_BW, LOADED_SHARE * total)
     worst, column = _fastest_bearing(slides, loads, enough)
     body = support.bodies[column] if len(support.bodies) else np.zeros(len(force), dtype=np.int64)
-    return {
-        "skate": worst,
-        "skate_free": np.where(free, worst, 0.0),
-        "skate_body": np.where(worst > 0, body, 0),
-    }
+    return Skate(worst, np.where(free, worst, 0.0), np.where(worst > 0, body, 0))
 
 
 def _fastest_bearing(speed: Floats, load: Floats, enough: Floats) -> tuple[Floats, Ints]:
@@ -133,11 +158,8 @@ def _fastest_bearing(speed: Floats, load: Floats, enough: Floats) -> tuple[Float
     return np.where(reached.any(axis=1), speed[rows, column], 0.0), column
 
 
-def arrows(support: Support, force: Floats) -> Series:
-    """The four largest forces on bodies: where they act (T, 4, 3) m and their size (T, 4, 3) BW.
-
-    Zero where fewer bodies bear load.
-    """
+def arrows(support: Support, force: Floats) -> Arrows:
+    """The four largest of the contact forces (T, n, 3) BW at ``support``, summed per body."""
     frames = len(force)
     place = np.zeros((frames, max(len(support.bodies), _ARROWS), 3))
     size = np.zeros_like(place)
@@ -150,8 +172,4 @@ def arrows(support: Support, force: Floats) -> Series:
         place[:, k] = np.einsum("tn,tni->ti", share, support.position)
     order = np.argsort(-size[..., 2], axis=1, kind="stable")[:, :_ARROWS]
     rows = np.arange(frames)[:, None]
-    # Drawn, not computed with: single precision keeps an hour's clip small.
-    return {
-        "arrow_origin": place[rows, order].astype(np.float32),
-        "arrow_force": size[rows, order].astype(np.float32),
-    }
+    return Arrows(place[rows, order], size[rows, order])

@@ -47,8 +47,8 @@ def live(character: Character, pose: KeyPose) -> Live:
     errors = [remark.message for remark in check(alone, character) if remark.severity == "error"]
     found = _collision(character).judge(pose.qpos[None])
     touching: tuple[int, ...] = ()
-    if found and float(found["self_penetration"][0]) > _PRESSES:
-        touching = tuple(int(body) for body in found["self_pair"][0])
+    if found and float(found.depth[0]) > _PRESSES:
+        touching = tuple(int(body) for body in found.pair[0])
     at = forward(character.tree, pose.qpos[None])
     com = centre_of_mass(character, at)[0]
     way, reach = support_edge(_bearing(character), at, character.floor_height, _SUPPORTS)

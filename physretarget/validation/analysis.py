@@ -7,10 +7,9 @@ memory hardly grows with the clip.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,19 +19,17 @@ from physretarget.ground.contacts import contact_tolerance
 from physretarget.ground.undersides import bearing_solids
 from physretarget.kinematics import slerp
 from physretarget.mjcf import Character, check_lowpass
+from physretarget.options.judging import ValidationOptions
 from physretarget.validation.chunk import Workspace
 from physretarget.validation.continuity import Continuity, continuity
 from physretarget.validation.declared import columns as contact_columns
 from physretarget.validation.evidence import Evidence, evidence, probe
 from physretarget.validation.grid import Grid, Poses
 from physretarget.validation.readings import Better, better_reading
-
-if TYPE_CHECKING:
-    from physretarget.validation.config import Settings
-    from physretarget.validation.simulated import Played
+from physretarget.validation.series import ForceSeries, FrameSeries
+from physretarget.validation.simulated import Played
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Progress = Callable[[int, int], None]  # frames done, frames in all
 
 # Longer ones are faster by the overhead of array operations and take more memory.
@@ -43,27 +40,25 @@ _UNIFORM = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Analysis:
-    """Per-frame results; forces in body weights, moments in body weight times CoM height.
+    """A clip, a character, and what is known of every frame.
 
-    ``time`` (T,) s is uniform. ``series`` maps a name to (T,) or (T, n) arrays, see
-    :class:`physretarget.validation.chunk.Chunk` for their meanings; a missing name could not
-    be computed. ``poses`` (first, last) gives the frames (last - first, nq) before the filter.
-    ``own_frames`` tells whether its frames are the clip's, ``stands`` whether a base that the model
-    fixes to the world was set free. ``coarse`` is the clip at 30 instants
-    a second, None where it has hardly more frames than that. ``played`` is the clip simulated,
-    where that was asked for.
+    ``time`` (T,) s is uniform. ``poses`` (first, last) gives the frames (last - first, nq) before
+    the filter. ``own_frames`` tells whether its frames are the clip's, ``stands`` whether a base
+    that the model fixes to the world was set free. ``coarse`` is the clip at 30 instants a second,
+    None where it has hardly more frames than that. ``played`` is the clip simulated, where that was
+    asked for.
     """
 
     clip: Motion
     character: Character
-    settings: Settings
+    settings: ValidationOptions
     time: Floats
     fps: float
     tolerance: float
     friction: float
     poses: Poses
     work: Workspace
-    series: Mapping[str, NDArray[np.generic]] = field(default_factory=dict)
+    series: FrameSeries
     uneven: Floats = field(default_factory=lambda: np.zeros(0))
     own_frames: bool = True
     stands: bool = False
@@ -79,23 +74,6 @@ class Analysis:
     def frames(self) -> int:
         """Number of frames."""
         return len(self.time)
-
-    @property
-    def has(self) -> frozenset[str]:
-        """Names of the series that could be computed."""
-        return frozenset(self.series)
-
-    def __getitem__(self, name: str) -> Floats:
-        """A series as float64."""
-        return np.asarray(self.series[name], dtype=np.float64)
-
-    def ints(self, name: str) -> Ints:
-        """A series of indices."""
-        return np.asarray(self.series[name], dtype=np.int64)
-
-    def flags(self, name: str) -> NDArray[np.bool_]:
-        """A series of booleans."""
-        return np.asarray(self.series[name], dtype=np.bool_)
 
     def clip_frame(self, frame: int) -> int:
         """The clip's own frame nearest to a frame of the (uniform) analysis."""
@@ -137,9 +115,12 @@ class Analysis:
         return better_reading(self.character, *self._probe)
 
     @cached_property
-    def judges_forces(self) -> bool:
-        """Whether contact forces could be looked for at all."""
-        return "unexplained_force" in self.series
+    def forces(self) -> ForceSeries | None:
+        """What contact forces are judged by, None where none could be looked for."""
+        s = self.series
+        if s.floor and s.required and s.bearing and s.residual:
+            return ForceSeries(s.floor, s.required, s.bearing, s.residual)
+        return None
 
     @cached_property
     def no_forces_because(self) -> str:
@@ -157,7 +138,7 @@ class Analysis:
 def analyse(
     clip: Motion,
     character: Character,
-    settings: Settings,
+    settings: ValidationOptions,
     progress: Progress | None = None,
     *,
     stands: bool = False,
@@ -190,12 +171,11 @@ def analyse(
                 progress(done * len(time) // instants, len(time))
     found: Analysis | None = None
     for grid in reversed(grids):
-        grid.finish()
         found = Analysis(
             clip=clip, character=character, settings=settings, time=grid.time, fps=grid.fps,
-            tolerance=tolerance, friction=friction, poses=grid.poses, work=work, series=grid.series,
-            uneven=uneven, own_frames=grid is own and len(uneven) == 0, coarse=found,
-            stands=stands,
+            tolerance=tolerance, friction=friction, poses=grid.poses, work=work,
+            series=grid.finish(), uneven=uneven, own_frames=grid is own and len(uneven) == 0,
+            coarse=found, stands=stands,
         )  # fmt: skip
     assert found is not None
     return found

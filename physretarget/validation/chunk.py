@@ -1,39 +1,8 @@
-"""One chunk of a clip: poses, forces and contacts in, per-frame series out.
-
-Series (T frames; BW = body weight, h = CoM height in the reference pose; *_body, *_dof, *_pair
-say where):
-
-* ``required_force`` (T, 3) BW, ``required_moment`` (T, 3) BW h about the CoM: what the floor
-  must supply; ``root_acceleration`` m/s^2
-* ``joint_speed`` rad/s or m/s; ``limit_excess`` rad or m beyond a joint's range (unfiltered)
-* ``jerk`` dimensionless, windowed
-* ``lowest`` m above the floor of what may touch, ``deepest`` of all collision geometry;
-  ``clearance`` m by which no point touches, below 0 where one does;
-  ``touching`` number of touching points, ``touch`` (T, bodies) which bodies touch,
-  ``supported`` whether one does in this frame or within reach of its force
-* ``declared_height``, ``declared_body``, ``undeclared_body``: where what the clip says of its
-  contacts differs from its geometry, see :func:`physretarget.validation.declared.compare`
-* ``com`` (T, 3) m, the centre of mass
-* ``moment_rest`` (T, 3) BW h: what remains when contact forces explain the force;
-  ``contact_force`` (T, 3) BW: what was found; ``arm`` (T, 3) h, the mean arm about the CoM of
-  what may bear, zero for nothing; ``grip`` the friction coefficient of what touches, NaN for
-  nothing
-* ``arrow_origin``, ``arrow_force`` (T, 4, 3) m and BW: the largest contact forces, to be drawn
-* ``skate`` m/s, ``skate_free`` the part of it that friction does not brake
-* ``elsewhere`` the geom, of nothing that is the floor's or its own, that the character touches; -1
-* ``torque_ratio`` 1, share of a joint's limit that it needs at least; ``self_penetration`` m
-
-Of the whole clip (see :mod:`physretarget.ground.response`): ``explained_force`` (T, 3) BW, the
-nearest that forces in their cones near contacts look like after the filter, ``unexplained_force``
-BW the rest; ``unexplained_moment`` BW h, ``moment_rest`` less ``side_lobes`` BW h that the filter
-may make of shocks around; ``cop_outside`` m that the centre of pressure would have to lie outside
-what supports, NaN where nothing does; ``ringing`` (T,) BW what the filter makes of pushes anywhere;
-``friction_demand`` 1, NaN where nothing is supported.
-"""
+"""One chunk of a clip: poses, forces and contacts in, per-frame series out."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -50,11 +19,18 @@ from physretarget.validation.declared import compare
 from physretarget.validation.external_contacts import ExternalContacts
 from physretarget.validation.least_torque import LeastTorque, Loads, unsupported
 from physretarget.validation.selfcollision import SelfCollision
+from physretarget.validation.series import (
+    Bearing,
+    FloorTouch,
+    FrameSeries,
+    JointSpeed,
+    LimitExcess,
+    Requirement,
+)
 from physretarget.validation.smoothness import windowed_jerk
 from physretarget.validation.torque import contact_torque
 
 Floats = NDArray[np.float64]
-Series = dict[str, NDArray[np.generic]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +112,7 @@ def _workspace(character: Character, tolerance: float, friction: float | None) -
     return Workspace.fresh(character, tolerance, friction)
 
 
-def analyse_chunk(work: Workspace, chunk: Chunk) -> Series:
+def analyse_chunk(work: Workspace, chunk: Chunk) -> FrameSeries:
     """Every series of the kept frames."""
     character = work.character
     qvel, qacc = derivatives(character, chunk.qpos, chunk.time)
@@ -147,25 +123,27 @@ def analyse_chunk(work: Workspace, chunk: Chunk) -> Series:
     if chunk.raw is not chunk.qpos:
         pose = kinematics.forward(character.tree, chunk.qpos)
     keep = chunk.keep
-    series: Series = {}
-    _joints(series, work, chunk, qvel)
-    series |= windowed_jerk(pose.position[:, character.bodies], chunk.time, keep, character)
-    series |= work.collision.judge(chunk.qpos[keep])
-    series |= work.external.judge(chunk.qpos[keep])
+    series = FrameSeries(
+        joint_speed=_joint_speed(work, chunk, qvel),
+        limit_excess=_limit_excess(work, chunk),
+        jerk=windowed_jerk(pose.position[:, character.bodies], chunk.time, keep, character),
+        overlap=work.collision.judge(chunk.qpos[keep]),
+        external=work.external.judge(chunk.qpos[keep]),
+    )
     contacts = None
     if len(work.points):
         contacts = find_contacts(
             work.points, _part(pose, chunk.wide), character.floor_height, work.tolerance,
             work.friction,
         )  # fmt: skip
-        series |= _touching(contacts, chunk.inner)
-        series |= _penetration(work, chunk, pose, contacts)
+        series = replace(series, floor=_floor(work, chunk, pose, contacts))
         if chunk.declared is not None:
-            series |= compare(
+            declared = compare(
                 chunk.declared, character, work.tolerance, (pose, chunk.raw_pose), keep, chunk.step
             )
+            series = replace(series, declared=declared)
     if len(chunk.time) >= 4:
-        _forces(series, work, chunk, (qvel, qacc), pose, contacts)
+        return _with_forces(series, work, chunk, (qvel, qacc), pose, contacts)
     return series
 
 
@@ -173,57 +151,54 @@ def _part(pose: kinematics.Pose, frames: slice) -> kinematics.Pose:
     return kinematics.Pose(pose.position[frames], pose.rotation[frames])
 
 
-def _touching(contacts: Contacts, inner: slice) -> Series:
-    """The contacts of the kept frames, as they are kept."""
+def _floor(work: Workspace, chunk: Chunk, pose: kinematics.Pose, contacts: Contacts) -> FloorTouch:
+    """The contacts of the kept frames.
+
+    The deepest point is as filtered or as given, whichever is higher: a filter bends paths, and
+    noise lasts a frame.
+    """
+    inner = chunk.inner
     rough = np.where(contacts.mask, contacts.friction, -1.0)[inner].max(axis=1, initial=-1.0)
-    return {
-        "lowest": contacts.lowest[inner],
-        "lowest_body": contacts.lowest_body[inner],
-        "clearance": contacts.clearance[inner],
-        "touching": contacts.mask[inner].sum(axis=1),
-        "touch": contacts.on[inner],
-        "grip": np.where(rough < 0, np.nan, rough),
-    }
-
-
-def _penetration(
-    work: Workspace, chunk: Chunk, pose: kinematics.Pose, contacts: Contacts
-) -> Series:
-    """Deepest point as filtered or as given, whichever is higher: a filter bends paths, and
-    noise lasts a frame."""
-    depth, body = contacts.lowest[chunk.inner], contacts.lowest_body[chunk.inner]
+    depth, body = contacts.lowest[inner], contacts.lowest_body[inner]
     if chunk.raw_pose is not pose:
         floor = work.character.floor_height
         given, given_body = lowest(work.points, _part(chunk.raw_pose, chunk.keep), floor)
         higher = given > depth
         depth, body = np.where(higher, given, depth), np.where(higher, given_body, body)
-    return {"deepest": depth, "deepest_body": body}
+    return FloorTouch(
+        lowest=contacts.lowest[inner], lowest_body=contacts.lowest_body[inner],
+        deepest=depth, deepest_body=body, clearance=contacts.clearance[inner],
+        points=contacts.mask[inner].sum(axis=1), bodies=contacts.on[inner],
+        grip=np.where(rough < 0, np.nan, rough),
+    )  # fmt: skip
 
 
-def _joints(series: Series, work: Workspace, chunk: Chunk, qvel: Floats) -> None:
-    character, keep = work.character, chunk.keep
-    if len(work.scalars):
-        speed = np.abs(qvel[keep][:, work.scalars])
-        worst = speed.argmax(axis=1)
-        series["joint_speed"] = speed[np.arange(len(speed)), worst]
-        series["joint_speed_dof"] = work.scalars[worst]
-    raw = chunk.raw[keep]
-    if np.isfinite(character.lower).any() or np.isfinite(character.upper).any():
-        excess = np.maximum(character.lower - raw, raw - character.upper)
-        worst = excess.argmax(axis=1)
-        series["limit_excess"] = np.maximum(excess[np.arange(len(raw)), worst], 0.0)
-        series["limit_qpos"] = worst.astype(np.int64)
+def _joint_speed(work: Workspace, chunk: Chunk, qvel: Floats) -> JointSpeed | None:
+    if not len(work.scalars):
+        return None
+    speed = np.abs(qvel[chunk.keep][:, work.scalars])
+    worst = speed.argmax(axis=1)
+    return JointSpeed(speed[np.arange(len(speed)), worst], work.scalars[worst])
 
 
-def _forces(
-    series: Series,
+def _limit_excess(work: Workspace, chunk: Chunk) -> LimitExcess | None:
+    character, raw = work.character, chunk.raw[chunk.keep]
+    if not (np.isfinite(character.lower).any() or np.isfinite(character.upper).any()):
+        return None
+    excess = np.maximum(character.lower - raw, raw - character.upper)
+    worst = excess.argmax(axis=1)
+    return LimitExcess(np.maximum(excess[np.arange(len(raw)), worst], 0.0), worst)
+
+
+def _with_forces(
+    series: FrameSeries,
     work: Workspace,
     chunk: Chunk,
     motion: tuple[Floats, Floats],
     pose: kinematics.Pose,
     contacts: Contacts | None,
-) -> None:
-    """What the kept frames require, and the contact forces that explain it."""
+) -> FrameSeries:
+    """With what the kept frames require, and the contact forces that explain it."""
     character, keep, inner = work.character, chunk.keep, chunk.inner
     qvel, qacc = motion
     needs = None
@@ -231,17 +206,17 @@ def _forces(
         needs = required_wrench(character, chunk.qpos[keep], qvel[keep], qacc[keep])
     if not character.has_root:
         if work.torque is not None and needs is not None:
-            series |= work.torque.judge(unsupported(chunk.qpos[keep], needs))
-        return
+            held_up = unsupported(chunk.qpos[keep], needs)
+            return replace(series, torque=work.torque.judge(held_up))
+        return series
     height = max(character.com_height, 1e-3)
     force, moment = chunk.force[keep], chunk.moment[keep]
-    series["required_force"], series["required_moment"] = force, moment
     dofs = slice(character.root_dof, character.root_dof + 3)
-    series["root_acceleration"] = np.linalg.norm(qacc[keep, dofs], axis=1)
     com = centre_of_mass(character, _part(pose, chunk.wide))
-    series["com"] = com[inner]
+    acceleration = np.linalg.norm(qacc[keep, dofs], axis=1)
+    series = replace(series, required=Requirement(force, moment, com[inner], acceleration))
     if contacts is None:
-        return
+        return series
     poses = (pose,) if chunk.raw_pose is pose else (pose, chunk.raw_pose)
     here = _part(pose, keep)
     velocity = sliding(contacts, _part(pose, chunk.wide), poses, chunk.wide.start, chunk.step)
@@ -249,18 +224,21 @@ def _forces(
         contacts, com, inner, chunk.reach, force, moment, height=height, velocity=velocity
     )
     support = found.support
-    series["supported"] = support.within
-    series["moment_rest"], series["arm"] = found.moment, _mean_arm(support, height)
-    series["contact_force"] = found.force.sum(axis=1)
-    series |= arrows(support, found.force)
-    series |= skate(support, found.force, found.slides)
+    arm = _mean_arm(support, height)
+    series = replace(
+        series,
+        bearing=Bearing(support.within, found.force.sum(axis=1), found.moment, arm),
+        arrows=arrows(support, found.force),
+        skate=skate(support, found.force, found.slides),
+    )
     if work.torque is not None and needs is not None:
         bears = found.force * character.weight
         held = contact_torque(character, here, support, bears, com[inner])
         loads = Loads(
             chunk.qpos[keep], needs.joint_torque, needs.passive, held, bears, support, com[inner]
         )
-        series |= work.torque.judge(loads)
+        series = replace(series, torque=work.torque.judge(loads))
+    return series
 
 
 def _mean_arm(support: Support, height: float) -> Floats:

@@ -6,6 +6,8 @@ the two disagree.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,10 +18,27 @@ from physretarget.mjcf import Character
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
-Series = dict[str, NDArray[np.generic]]
+Ints = NDArray[np.int64]
 
 # Slower than this along the floor a point rests (rule CON002 calls faster ones sliding).
 REST_M_S = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class DeclaredContacts:
+    """Where what a clip says of its contacts differs from its geometry.
+
+    Attributes:
+        height: (T,) m above the floor of the highest point that is said to stand, NaN where none
+            is.
+        body: (T,) the body of that point.
+        undeclared: (T,) a body that rests on the floor though none of its points is said to stand,
+            -1 for none.
+    """
+
+    height: Floats
+    body: Ints
+    undeclared: Ints
 
 
 def columns(clip: Motion, character: Character) -> NDArray[np.int64] | None:
@@ -49,13 +68,10 @@ def compare(
     poses: tuple[kinematics.Pose, ...],
     keep: slice,
     step: float,
-) -> Series:
-    """``declared_height`` (T,) m above the floor of the highest point that is said to stand, NaN
-    where none is, and ``declared_body``; ``undeclared_body`` (T,) that rests on the floor though
-    none of its points is said to stand, -1 for none.
+) -> DeclaredContacts:
+    """What is ``declared`` (T, P), with neighbours, beside the geometry.
 
-    ``declared`` (T, P) with neighbours; of the clip as filtered and as given (``poses``) the
-    kinder counts.
+    Of the clip as filtered and as given (``poses``) the kinder counts.
     """
     points, floor = character.contacts, character.floor_height
     places = [kinematics.points(pose, points.body, points.local) for pose in poses]
@@ -64,18 +80,14 @@ def compare(
     frames = np.arange(len(said))
     high = np.where(said, height, -np.inf)
     worst = high.argmax(axis=1)
-    series: Series = {
-        "declared_height": np.where(said.any(axis=1), high[frames, worst], np.nan),
-        "declared_body": points.body[worst],
-    }
     rests = _rests(places[0], keep, step) & (height < tolerance)
     undeclared = np.full(len(said), -1, dtype=np.int64)
     for body in np.unique(points.body):
         own = points.body == body
         silent = ~said[:, own].any(axis=1) & rests[:, own].any(axis=1)
         undeclared[silent & (undeclared < 0)] = body
-    series["undeclared_body"] = undeclared
-    return series
+    top = np.where(said.any(axis=1), high[frames, worst], np.nan)
+    return DeclaredContacts(top, points.body[worst], undeclared)
 
 
 def _rests(place: Floats, keep: slice, step: float) -> Bools:

@@ -17,7 +17,18 @@ from physretarget.mjcf import Character
 from physretarget.mjcf.reference import field_heights, geom_span
 
 Floats = NDArray[np.float64]
-Series = dict[str, NDArray[np.generic]]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class ExternalTouch:
+    """What the character touches that is neither the floor nor its own.
+
+    Attributes:
+        geom: (T,) one of its geoms, -1 for none.
+    """
+
+    geom: Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,10 +62,10 @@ class ExternalContacts:
         model.geom_gap[:] = 0
         return cls(model, mine)
 
-    def judge(self, qpos: Floats) -> Series:
-        """(T,) the foreign geom that the character touches, -1 for none."""
+    def judge(self, qpos: Floats) -> ExternalTouch | None:
+        """What is touched in each pose (T, nq); None where there is nothing to touch."""
         if self.model is None:
-            return {}
+            return None
         model, data = self.model, mujoco.MjData(self.model)
         touched = np.full(len(qpos), -1, dtype=np.int64)
         for t in range(len(qpos)):
@@ -67,7 +78,7 @@ class ExternalContacts:
                 if mixed.any():
                     first = geoms[mixed][0]
                     touched[t] = first[~self.mine[first]][0]
-        return {"elsewhere": touched}
+        return ExternalTouch(touched)
 
 
 def on_slope(character: Character) -> str | None:

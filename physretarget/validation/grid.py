@@ -31,12 +31,11 @@ from physretarget.ground.wrench import external_wrench
 from physretarget.kinematics import Pose, Tree, difference, forward, integrate
 from physretarget.mjcf import lowpass
 from physretarget.validation.chunk import Chunk, Workspace, analyse_chunk
-from physretarget.validation.series import Gathered
+from physretarget.validation.series import Bearing, FrameSeries, Gathered, Pushes, Residual
 from physretarget.validation.smoothness import WINDOW_S, edge_frames
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
-Series = dict[str, NDArray[np.generic]]
 Poses = Callable[[int, int], Floats]
 Flags = Callable[[int, int], Bools]
 
@@ -59,7 +58,7 @@ BORNE_BW = 0.2
 
 
 class Grid:
-    """Some instants of a clip, analysed piece by piece into ``series``.
+    """Some instants of a clip, analysed piece by piece.
 
     ``time`` (T,) s are the instants; ``poses`` and ``declared`` (first, last) give some of them,
     before the filter; ``place`` (T,) says where they lie, in frames of the clip.
@@ -72,8 +71,8 @@ class Grid:
         self.time = time
         self.place = place
         self.poses = poses
-        self.series = Gathered()
         self.fps = (len(time) - 1) / float(time[-1] - time[0]) if len(time) > 1 else 0.0
+        self._gathered = Gathered()
         self._declared = declared
         self._work = work
         self._hz = lowpass_hz
@@ -121,40 +120,38 @@ class Grid:
             keep=slice(first - start, last - start), reach=self._reach,
             declared=None if self._declared is None else self._declared(start, stop),
         )  # fmt: skip
-        found = analyse_chunk(self._work, chunk)
-        self.series.add({name: _slim(part) for name, part in found.items()})
+        self._gathered.add(analyse_chunk(self._work, chunk))
 
-    def finish(self) -> None:
-        """Add what takes the clip as a whole: pushes smeared by the filter, and friction."""
-        if "required_force" not in self.series:
-            return
-        required = np.asarray(self.series["required_force"], dtype=np.float64)
+    def finish(self) -> FrameSeries:
+        """All series, with what takes the clip as a whole: the filter's response, and friction."""
+        series = self._gathered.series
+        if series.required is None:
+            return series
+        required = series.required.force
         anywhere = np.full(len(required), self._work.character.foot_friction)
         pushed = explained_force(required, anywhere, self.fps, self._hz)
         ringing = np.minimum(pushed[:, 2], 0.0)
-        found: Series = {"ringing": ringing}
-        if "grip" in self.series:
-            grip = near_contact(np.asarray(self.series["grip"], dtype=np.float64))
-            explained = explained_force(required, grip, self.fps, self._hz)
-            found["explained_force"] = explained
-            found["unexplained_force"] = np.linalg.norm(required - explained, axis=1)
-            found |= self._moments(required)
         with np.errstate(divide="ignore", invalid="ignore"):
             demand = np.linalg.norm(required[:, :2], axis=1) / (required[:, 2] - ringing)
-        found["friction_demand"] = np.where(required[:, 2] > SUPPORT_BW, demand, np.nan)
-        self.series.add({name: _slim(part) for name, part in found.items()})
+        demand = np.where(required[:, 2] > SUPPORT_BW, demand, np.nan)
+        residual = None
+        if series.floor is not None and series.bearing is not None:
+            residual = self._residual(required, near_contact(series.floor.grip), series.bearing)
+        self._gathered.add(FrameSeries(pushes=Pushes(ringing, demand), residual=residual))
+        return self._gathered.series
 
-    def _moments(self, required: Floats) -> Series:
-        """What remains of the moment, and the same as a centre of pressure."""
-        arm = np.asarray(self.series["arm"], dtype=np.float64)
-        rest = np.asarray(self.series["moment_rest"], dtype=np.float64)
+    def _residual(self, required: Floats, grip: Floats, bearing: Bearing) -> Residual:
+        """What remains of force and moment, and the latter as a centre of pressure."""
+        explained = explained_force(required, grip, self.fps, self._hz)
+        arm, rest = bearing.arm, bearing.moment_rest
         lobes = side_lobes(required, arm, self.fps, self._hz)
         left = np.maximum(np.linalg.norm(rest, axis=1) - lobes, 0.0)
         tips = np.maximum(np.hypot(rest[:, 0], rest[:, 1]) - lobes, 0.0)
-        borne = np.asarray(self.series["supported"], dtype=np.bool_) & (required[:, 2] > BORNE_BW)
+        borne = bearing.supported & (required[:, 2] > BORNE_BW)
         height = max(self._work.character.com_height, 1e-3)
         outside = tips * height / np.where(borne, required[:, 2], np.nan)
-        return {"side_lobes": lobes, "unexplained_moment": left, "cop_outside": outside}
+        force = np.linalg.norm(required - explained, axis=1)
+        return Residual(explained, force, lobes, left, outside)
 
     def _required(self, pose: Pose) -> tuple[Floats, Floats]:
         """Force (T, 3) BW and moment (T, 3) BW h, filtered; zeros where they cannot be had.
@@ -199,10 +196,3 @@ def _nearest(declared: Flags, place: Floats, first: int, last: int) -> Bools:
     frames = np.round(place[first:last]).astype(np.int64)
     near: Bools = declared(int(frames[0]), int(frames[-1]) + 1)[frames - frames[0]]
     return near
-
-
-def _slim(series: NDArray[np.generic]) -> NDArray[np.generic]:
-    """A series as it is kept: in single precision, six digits of whatever it measures."""
-    if series.dtype == np.bool_:
-        return series
-    return series.astype(np.float32 if series.dtype.kind == "f" else np.int32)

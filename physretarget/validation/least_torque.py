@@ -29,7 +29,20 @@ from physretarget.validation.torque import TorqueLimits
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
-Series = dict[str, NDArray[np.generic]]
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueShare:
+    """The share of its limit that the worst joint needs at least.
+
+    Attributes:
+        share: (F,) 1.
+        dof: (F,) the joint's degree of freedom.
+    """
+
+    share: Floats
+    dof: Ints
+
 
 _EDGES = 8
 # Frames whose programmes are solved in one call.
@@ -111,13 +124,8 @@ class LeastTorque:
             helps[model.jnt_dofadr[joint]] = name not in gains
         return cls(character, limits, model, helps, np.array(model.dof_frictionloss))
 
-    def judge(self, loads: Loads) -> Series:
-        """The series of the chunk: ``torque_ratio`` (F,) and the ``torque_dof`` (F,) of it."""
-        share, dof = self.shares(loads)
-        return {"torque_ratio": share, "torque_dof": dof}
-
-    def shares(self, loads: Loads) -> tuple[Floats, Ints]:
-        """(F,) the least share of its limit that the worst joint needs, and its dof (F,)."""
+    def judge(self, loads: Loads) -> TorqueShare:
+        """The least share of the frames' worst joints."""
         low, high = self._rooms(loads)
         bare = (loads.torque - loads.held)[:, self.limited]
         every = np.maximum((bare + low) / self.lower, (bare - high) / self.upper)
@@ -129,7 +137,7 @@ class LeastTorque:
             frames = over[first : first + _AT_ONCE]
             programmes = [self._programme(data, loads, int(t), low[t], high[t]) for t in frames]
             share[frames], worst[frames] = _least(programmes)
-        return share, self.limited[worst]
+        return TorqueShare(share, self.limited[worst])
 
     @property
     def limited(self) -> Ints:

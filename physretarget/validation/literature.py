@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from physretarget import kinematics
 from physretarget.validation.analysis import CHUNK, Analysis
+from physretarget.validation.series import FloorTouch
 
 Floats = NDArray[np.float64]
 
@@ -26,12 +27,13 @@ STILL_M_S2 = 0.1
 
 def literature(analysis: Analysis) -> dict[str, dict[str, Any]]:
     """PhysDiff's, EDGE's and holosoma's figures, each with what to beware of."""
-    if "lowest" not in analysis.has:
+    floor = analysis.series.floor
+    if floor is None:
         return {}
-    lowest = analysis["lowest"]
+    lowest = floor.lowest
     below, above = np.maximum(-lowest, 0), np.maximum(lowest, 0)
     rate = f"a distance per frame: at {analysis.fps:g} frames/s"
-    feet = _followed(analysis)
+    feet = _followed(analysis, floor)
     return {
         "physdiff_penetrate_mm": _entry(
             1000 * np.mean(np.where(below > PHYSDIFF_TOLERANCE_M, below, 0)), "mm",
@@ -80,9 +82,9 @@ class _Feet:
     edge_pfc: float | None
 
 
-def _followed(analysis: Analysis) -> _Feet:
+def _followed(analysis: Analysis, floor: FloorTouch) -> _Feet:
     """Follow the feet from frame to frame, some frames at a time."""
-    bodies = _two_feet(analysis)
+    bodies = _two_feet(analysis, floor.bodies)
     size = _acceleration(analysis) if len(bodies) == 2 else None
     skated = slid = near = touching = score = 0.0
     for first in range(0, analysis.frames - 1, CHUNK):
@@ -105,9 +107,8 @@ def _followed(analysis: Analysis) -> _Feet:
     )
 
 
-def _two_feet(analysis: Analysis) -> list[int]:
+def _two_feet(analysis: Analysis, touch: NDArray[np.bool_]) -> list[int]:
     """The bodies that touch the floor most often, at most two."""
-    touch = analysis.flags("touch")
     order = np.argsort(-touch.sum(axis=0), kind="stable")[:2]
     return [int(analysis.work.points.bodies[i]) for i in order if touch[:, i].any()]
 
@@ -133,10 +134,11 @@ def _steps(place: Floats, near: float) -> tuple[Floats, NDArray[np.bool_]]:
 
 def _acceleration(analysis: Analysis) -> Floats | None:
     """(T,) m/s^2 of the CoM as EDGE takes it: falling is free."""
-    if "required_force" not in analysis.has:
+    required = analysis.series.required
+    if required is None:
         return None
     gravity = float(np.linalg.norm(analysis.character.model.opt.gravity))
-    acceleration = analysis["required_force"] * gravity
+    acceleration = required.force * gravity
     acceleration[:, 2] = np.maximum(acceleration[:, 2] - gravity, 0)
     size: Floats = np.linalg.norm(acceleration, axis=1)
     return size

@@ -82,7 +82,8 @@ def _share(analysis: Analysis, margin: Floats) -> Measure:
 
 def _required(a: Analysis) -> Iterator[tuple[str, Measure]]:
     names = ("max", "min", "mean")
-    if "required_force" not in a.has:
+    required, pushes = a.series.required, a.series.pushes
+    if required is None or pushes is None:
         yield from (
             (f"required_force_vertical_{n}_bw", Measure(value=None, unit="BW")) for n in names
         )
@@ -90,17 +91,17 @@ def _required(a: Analysis) -> Iterator[tuple[str, Measure]]:
         yield "pull_frames_fraction", Measure(value=None, unit="1")
         yield "friction_exceeded_fraction", Measure(value=None, unit="1")
         return
-    vertical = a["required_force"][:, 2]
+    vertical = required.force[:, 2]
     yield "required_force_vertical_max_bw", peak(a, vertical, "BW")
     yield "required_force_vertical_min_bw", peak(a, vertical, "BW", lowest=True)
     yield "required_force_vertical_mean_bw", Measure(value=float(vertical.mean()), unit="BW")
-    yield "root_acceleration_max_m_s2", peak(a, a["root_acceleration"], "m/s^2")
+    yield "root_acceleration_max_m_s2", peak(a, required.root_acceleration, "m/s^2")
     yield "pull_frames_fraction", _share(a, -PULL_BW - vertical)
-    yield "friction_exceeded_fraction", _share(a, a["friction_demand"] - a.friction)
+    yield "friction_exceeded_fraction", _share(a, pushes.friction_demand - a.friction)
 
 
 def _explained(a: Analysis) -> Iterator[tuple[str, Measure]]:
-    if not a.judges_forces:
+    if a.forces is None:
         yield "unexplained_force_rms_bw", Measure(value=None, unit="BW")
         yield "unexplained_force_max_bw", Measure(value=None, unit="BW")
         yield "unexplained_moment_rms_bwh", Measure(value=None, unit="BW h")
@@ -108,28 +109,30 @@ def _explained(a: Analysis) -> Iterator[tuple[str, Measure]]:
         yield "cop_outside_fraction", Measure(value=None, unit="1")
         yield "cop_outside_max_m", Measure(value=None, unit="m")
         return
-    force, moment = a["unexplained_force"], a["unexplained_moment"]
+    residual = a.forces.residual
+    force, moment = residual.force, residual.moment
     worst = peak(a, force, "BW")
     yield "unexplained_force_rms_bw", Measure(value=rms(force), unit="BW", frame=worst.frame)
     yield "unexplained_force_max_bw", worst
     worst = peak(a, moment, "BW h")
     yield "unexplained_moment_rms_bwh", Measure(value=rms(moment), unit="BW h", frame=worst.frame)
     yield "unexplained_moment_max_bwh", worst
-    yield "cop_outside_fraction", _share(a, a["cop_outside"] - a.tolerance / 2)
-    yield "cop_outside_max_m", peak(a, a["cop_outside"], "m")
+    yield "cop_outside_fraction", _share(a, residual.cop_outside - a.tolerance / 2)
+    yield "cop_outside_max_m", peak(a, residual.cop_outside, "m")
 
 
 def _standing(a: Analysis) -> Iterator[tuple[str, Measure]]:
-    if not (a.stands and a.judges_forces and has_base(a)):
+    if not a.stands or a.forces is None or not has_base(a):
         yield "tip_margin_min_m", Measure(value=None, unit="m")
         yield "tip_margin_min_bwh", Measure(value=None, unit="BW h")
     else:
-        margin = tip_margin(a)
+        required = a.forces.required
+        margin = tip_margin(a, required)
         height = max(a.character.com_height, 1e-3)
         yield "tip_margin_min_m", peak(a, margin, "m", lowest=True)
-        bearing = margin * a["required_force"][:, 2] / height
+        bearing = margin * required.force[:, 2] / height
         yield "tip_margin_min_bwh", peak(a, bearing, "BW h", lowest=True)
-    demand = a["friction_demand"] if "friction_demand" in a.has else np.zeros(0)
+    demand = a.series.pushes.friction_demand if a.series.pushes else np.zeros(0)
     yield "friction_demand_max", peak(a, demand, "1")
 
 
@@ -138,45 +141,49 @@ def _flight(a: Analysis) -> Iterator[tuple[str, Measure]]:
         "flight_frames_fraction": "1", "flight_com_acceleration_error_rms": "m/s^2",
         "flight_moment_rms_bwh": "BW h", "float_time_s": "s",
     }  # fmt: skip
-    if not a.judges_forces:
+    forces = a.forces
+    if forces is None:
         yield from ((n, Measure(value=None, unit=u)) for n, u in names.items())
         return
-    yield "flight_frames_fraction", _share(a, a["clearance"])
-    judged = states.flight(a)
-    error = np.where(judged, states.flight_error(a), np.nan)
+    yield "flight_frames_fraction", _share(a, forces.floor.clearance)
+    judged = states.flight(forces)
+    error = np.where(judged, states.flight_error(a, forces), np.nan)
     worst = peak(a, error, "m/s^2").frame
     yield (
         "flight_com_acceleration_error_rms",
         Measure(value=rms(error[judged]), unit="m/s^2", frame=worst),
     )
-    moment = np.where(judged, states.flight_moment(a), np.nan)
+    moment = np.where(judged, states.flight_moment(forces), np.nan)
     yield (
         "flight_moment_rms_bwh",
         Measure(value=rms(moment[judged]), unit="BW h", frame=peak(a, moment, "BW h").frame),
     )
-    floats = _share(a, states.floating_margin(a))
-    seconds = time_share(states.floating_margin(a)) * a.frames / a.fps if a.fps else 0.0
+    margin = states.floating_margin(a, forces)
+    floats = _share(a, margin)
+    seconds = time_share(margin) * a.frames / a.fps if a.fps else 0.0
     yield "float_time_s", Measure(value=seconds, unit="s", frame=floats.frame)
 
 
 def _floor(a: Analysis) -> Iterator[tuple[str, Measure]]:
-    if "deepest" not in a.has:
+    floor = a.series.floor
+    if floor is None:
         yield "penetration_max_m", Measure(value=None, unit="m")
         yield "penetration_frames_fraction", Measure(value=None, unit="1")
         yield "contact_chatter_per_s", Measure(value=None, unit="1/s")
     else:
-        depth = np.maximum(-a["deepest"], 0.0)
+        depth = np.maximum(-floor.deepest, 0.0)
         yield "penetration_max_m", peak(a, depth, "m")
         yield "penetration_frames_fraction", _share(a, depth - PENETRATION_M)
-        flips = states.chatter(a, CHATTER_S)
+        flips = states.chatter(floor, a.fps, CHATTER_S)
         frame = a.clip_frame(int(np.argmax(flips))) if flips.any() else None
         seconds = a.frames / a.fps if a.fps else 1.0
         yield "contact_chatter_per_s", Measure(value=flips.sum() / seconds, unit="1/s", frame=frame)
-    if "skate" not in a.has:
+    skate = a.series.skate
+    if skate is None:
         yield "skate_speed_max_m_s", Measure(value=None, unit="m/s")
         yield "skate_distance_m", Measure(value=None, unit="m")
     else:
-        speed = a["skate"]
+        speed = skate.speed
         worst = peak(a, _over(speed, a.fps * SKATE_WINDOW_S), "m/s")
         yield "skate_speed_max_m_s", worst
         slid = float(speed[speed > SKATE_M_S].sum() / a.fps) if a.fps else 0.0
@@ -184,11 +191,12 @@ def _floor(a: Analysis) -> Iterator[tuple[str, Measure]]:
 
 
 def _joints(a: Analysis) -> Iterator[tuple[str, Measure]]:
-    for name, series, unit in (
-        ("joint_limit_excess_max_rad", "limit_excess", "rad"),
-        ("joint_speed_max_rad_s", "joint_speed", "rad/s"),
-        ("joint_torque_ratio_max", "torque_ratio", "1"),
-        ("self_penetration_max_m", "self_penetration", "m"),
-        ("jerk_dimensionless_max", "jerk", "1"),
+    s = a.series
+    for name, worst, unit in (
+        ("joint_limit_excess_max_rad", s.limit_excess.excess if s.limit_excess else None, "rad"),
+        ("joint_speed_max_rad_s", s.joint_speed.speed if s.joint_speed else None, "rad/s"),
+        ("joint_torque_ratio_max", s.torque.share if s.torque else None, "1"),
+        ("self_penetration_max_m", s.overlap.depth if s.overlap else None, "m"),
+        ("jerk_dimensionless_max", s.jerk.worst if s.jerk else None, "1"),
     ):
-        yield name, peak(a, a[series], unit) if series in a.has else Measure(value=None, unit=unit)
+        yield name, Measure(value=None, unit=unit) if worst is None else peak(a, worst, unit)

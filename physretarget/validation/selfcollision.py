@@ -13,7 +13,19 @@ from physretarget.mjcf import Character
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-Series = dict[str, NDArray[np.generic]]
+
+
+@dataclass(frozen=True, eq=False)
+class Overlap:
+    """How far bodies of the character pass through each other.
+
+    Attributes:
+        depth: (T,) m of the deepest, 0 for none.
+        pair: (T, 2) the two bodies.
+    """
+
+    depth: Floats
+    pair: Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,10 +57,10 @@ class SelfCollision:
         allowed = frozenset((first, second) for first, second in bodies.tolist())
         return cls(model, mine, allowed, bool(pairs))
 
-    def judge(self, qpos: Floats) -> Series:
-        """Deepest overlap (T,) m, 0 for none, and the two bodies (T, 2)."""
+    def judge(self, qpos: Floats) -> Overlap | None:
+        """The deepest overlap in each pose (T, nq); None where no two bodies may collide."""
         if not self.possible:
-            return {}
+            return None
         depth, pair = np.zeros(len(qpos)), np.zeros((len(qpos), 2), dtype=np.int64)
         frame, bodies, deep = _overlaps(self.model, qpos, self.mine)
         known = [first * self.model.nbody + second for first, second in self.allowed]
@@ -57,7 +69,7 @@ class SelfCollision:
         np.maximum.at(depth, frame, deep)
         deepest = np.flatnonzero(deep == depth[frame])[::-1]  # of several the first stays
         pair[frame[deepest]] = bodies[deepest]
-        return {"self_penetration": depth, "self_pair": pair}
+        return Overlap(depth, pair)
 
 
 def _overlaps(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from scipy.ndimage import maximum_filter1d
 from physretarget.mjcf import Character
 
 Floats = NDArray[np.float64]
-Series = dict[str, NDArray[np.generic]]
+Ints = NDArray[np.int64]
 
 # Hogan and Sternad 2009: D^3 / v_peak^2 times the integral of squared jerk over a movement of
 # duration D. A minimum-jerk reach scores 204.8.
@@ -26,24 +27,35 @@ EDGE_S = 0.1
 _RATE = 120.0
 
 
+@dataclass(frozen=True, eq=False)
+class Jerk:
+    """Dimensionless jerk in the window around each frame.
+
+    Attributes:
+        worst: (T,) of the body that has most.
+        body: (T,) which that is.
+    """
+
+    worst: Floats
+    body: Ints
+
+
 def edge_frames(fps: float) -> int:
     """Frames at a clip's ends of which jerk is not judged: filters and splines whip there."""
     return max(3, math.ceil(EDGE_S * fps))
 
 
-def windowed_jerk(position: Floats, time: Floats, keep: slice, character: Character) -> Series:
-    """(T,) worst dimensionless jerk over the bodies, in the window around each frame.
-
-    ``position`` (T, nb, 3) with neighbours; nothing is returned for clips shorter than the
+def windowed_jerk(position: Floats, time: Floats, keep: slice, character: Character) -> Jerk | None:
+    """Jerk of bodies at ``position`` (T, nb, 3), with neighbours; None for clips shorter than the
     seven points that the difference formula needs.
     """
     frames = len(time)
     if frames < 7:
-        return {}
+        return None
     step = float(time[1] - time[0])
     span = max(1, round(1 / (step * _RATE)))
     if frames <= 6 * span:
-        return {}
+        return None
     jerk = _jerk(position, span, span * step)
     p = position
     edge = edge_frames(1 / step)
@@ -60,7 +72,7 @@ def windowed_jerk(position: Floats, time: Floats, keep: slice, character: Charac
     bodies = np.asarray(character.bodies, dtype=np.int64)
     ratio = (WINDOW_S**3 * integral / peak**2)[keep]
     worst = ratio.argmax(axis=1)
-    return {"jerk": ratio[np.arange(len(ratio)), worst], "jerk_body": bodies[worst]}
+    return Jerk(ratio[np.arange(len(ratio)), worst], bodies[worst])
 
 
 def _jerk(position: Floats, span: int, step: float) -> Floats:

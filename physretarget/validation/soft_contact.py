@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from physretarget import kinematics
 from physretarget.validation.analysis import Analysis
+from physretarget.validation.series import FloorTouch
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -29,11 +30,11 @@ _DEFAULT_S = 0.02
 _BLOCK = 2048
 
 
-def landing_depth(analysis: Analysis, above: float) -> Floats:
+def landing_depth(analysis: Analysis, floor: FloorTouch, above: float) -> Floats:
     """(T,) m that the deepest body may have sunk by landing, where it is deeper than ``above``."""
-    deep = -analysis["deepest"] > above
+    deep = -floor.deepest > above
     allowed = np.zeros(analysis.frames)
-    bodies = analysis.ints("deepest_body")
+    bodies = floor.deepest_body
     taus = {int(body): time_constant(analysis, int(body)) for body in np.unique(bodies[deep])}
     before = math.ceil(_OVER * max(taus.values(), default=0.0) * analysis.fps) + 1
     near = deep.copy()

@@ -10,12 +10,13 @@ from physretarget.ground.undersides import solids
 from physretarget.mjcf import Character
 from physretarget.validation.analysis import Analysis
 from physretarget.validation.continuity import Floats
+from physretarget.validation.series import Requirement
 
 # Below this share of body weight a centre of pressure means nothing.
 _LIFTED_BW = 0.2
 
 
-def tip_margin(analysis: Analysis) -> Floats:
+def tip_margin(analysis: Analysis, required: Requirement) -> Floats:
     """(T,) m from the centre of pressure that the motion needs to the nearest edge of the base.
 
     Below 0 it lies outside and the base tips; NaN where hardly any force is needed. The base
@@ -23,8 +24,8 @@ def tip_margin(analysis: Analysis) -> Floats:
     """
     character = analysis.character
     height = max(character.com_height, 1e-3)
-    force, moment = analysis["required_force"], analysis["required_moment"] * height
-    com = analysis["com"]
+    force, moment = required.force, required.moment * height
+    com = required.com
     above = com[:, 2] - character.floor_height
     with np.errstate(divide="ignore", invalid="ignore"):
         x = com[:, 0] - (moment[:, 1] + above * force[:, 0]) / force[:, 2]

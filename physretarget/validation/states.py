@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget.ground.response import dilated, reach_frames
+from physretarget.kinematics import runs
 from physretarget.validation.analysis import Analysis
-from physretarget.validation.rule import runs
+from physretarget.validation.series import FloorTouch, ForceSeries
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
@@ -22,10 +23,11 @@ _ROUNDING = 1e-3
 
 def known(analysis: Analysis) -> Bools:
     """(T,) nothing but the floor can bear the character, in this frame or within reach of it."""
-    if "elsewhere" not in analysis.has:
+    external = analysis.series.external
+    if external is None:
         return np.ones(analysis.frames, dtype=bool)
     reach = reach_frames(analysis.fps, analysis.settings.lowpass_hz)
-    free: Bools = ~dilated(analysis.ints("elsewhere") >= 0, reach)
+    free: Bools = ~dilated(external.geom >= 0, reach)
     return free
 
 
@@ -38,8 +40,8 @@ def held_elsewhere(analysis: Analysis) -> str | None:
 
 def foreign_names(analysis: Analysis) -> str:
     """What the character touches besides the floor."""
-    model = analysis.character.model
-    geoms = np.unique(analysis.ints("elsewhere"))
+    model, external = analysis.character.model, analysis.series.external
+    geoms = np.unique(external.geom) if external is not None else np.zeros(0, dtype=np.int64)
     names = [
         model.geom(int(g)).name or model.body(int(model.geom_bodyid[g])).name or f"geom{int(g)}"
         for g in geoms[geoms >= 0]
@@ -47,57 +49,61 @@ def foreign_names(analysis: Analysis) -> str:
     return ", ".join(f"'{name}'" for name in dict.fromkeys(names))
 
 
-def airborne(analysis: Analysis) -> Bools:
+def airborne(forces: ForceSeries) -> Bools:
     """(T,) nothing touches the floor."""
-    free: Bools = analysis["touching"] == 0
+    free: Bools = forces.floor.points == 0
     return free
 
 
-def flight(analysis: Analysis) -> Bools:
+def flight(forces: ForceSeries) -> Bools:
     """(T,) nothing touches in this frame nor within reach of its force."""
-    return ~analysis.flags("supported")
+    return ~forces.bearing.supported
 
 
-def floating(analysis: Analysis) -> Bools:
+def floating(analysis: Analysis, forces: ForceSeries) -> Bools:
     """(T,) nothing touches, yet more support is required than contacts nearby can have left."""
-    missing = analysis["required_force"][:, 2] - analysis["explained_force"][:, 2]
-    needs: Bools = missing > FLOAT_BW
-    return airborne(analysis) & needs & known(analysis)
+    needs: Bools = _missing(forces) > FLOAT_BW
+    return airborne(forces) & needs & known(analysis)
 
 
-def floating_margin(analysis: Analysis) -> Floats:
+def _missing(forces: ForceSeries) -> Floats:
+    """(T,) BW of support that no contact nearby explains."""
+    missing: Floats = forces.required.force[:, 2] - forces.residual.explained[:, 2]
+    return missing
+
+
+def floating_margin(analysis: Analysis, forces: ForceSeries) -> Floats:
     """(T,) above 0 where the character floats, by how much in shares of both limits."""
-    missing = analysis["required_force"][:, 2] - analysis["explained_force"][:, 2]
-    height = analysis["clearance"] / analysis.tolerance
-    margin: Floats = np.minimum(height, missing / FLOAT_BW - 1)
+    height = forces.floor.clearance / analysis.tolerance
+    margin: Floats = np.minimum(height, _missing(forces) / FLOAT_BW - 1)
     return margin
 
 
-def free_flight(analysis: Analysis) -> Bools:
+def free_flight(analysis: Analysis, forces: ForceSeries) -> Bools:
     """(T,) flight, without the stretches in the air of which a part floats."""
-    judged, floats = flight(analysis) & known(analysis), floating(analysis)
-    for first, last in runs(airborne(analysis)):
+    judged, floats = flight(forces) & known(analysis), floating(analysis, forces)
+    for first, last in runs(airborne(forces)):
         if floats[first : last + 1].sum() > _FLOATS_S * analysis.fps:
             judged[first : last + 1] = False
     return judged
 
 
-def flight_error(analysis: Analysis) -> Floats:
+def flight_error(analysis: Analysis, forces: ForceSeries) -> Floats:
     """(T,) m/s^2 that the CoM's acceleration is off gravity, what contacts nearby do left out."""
     gravity = float(np.linalg.norm(analysis.character.model.opt.gravity))
-    return analysis["unexplained_force"] * gravity
+    return forces.residual.force * gravity
 
 
-def flight_moment(analysis: Analysis) -> Floats:
+def flight_moment(forces: ForceSeries) -> Floats:
     """(T,) BW h that turn the body, less what the filter's side lobes may show of contacts."""
-    moment = np.linalg.norm(analysis["required_moment"], axis=1)
-    left: Floats = np.maximum(moment - analysis["side_lobes"], 0.0)
+    moment = np.linalg.norm(forces.required.moment, axis=1)
+    left: Floats = np.maximum(moment - forces.residual.side_lobes, 0.0)
     return left
 
 
-def too_short(analysis: Analysis) -> str | None:
+def too_short(analysis: Analysis, forces: ForceSeries) -> str | None:
     """Why flight cannot be judged although there is some, or None."""
-    if not airborne(analysis).any() or flight(analysis).any():
+    if not airborne(forces).any() or flight(forces).any():
         return None
     reach = reach_frames(analysis.fps, analysis.settings.lowpass_hz) / analysis.fps
     return (
@@ -106,12 +112,12 @@ def too_short(analysis: Analysis) -> str | None:
     )
 
 
-def chatter(analysis: Analysis, shortest_s: float) -> Bools:
+def chatter(floor: FloorTouch, fps: float, shortest_s: float) -> Bools:
     """(T,) frames in which a contact begins or ends a touch or a gap shorter than so long."""
-    touch = analysis.flags("touch")
+    touch = floor.bodies
     flags = np.zeros(len(touch), dtype=bool)
     for column in touch.T:
         changes = np.flatnonzero(np.diff(column)) + 1
-        short = np.diff(changes) < shortest_s * analysis.fps - _ROUNDING
+        short = np.diff(changes) < shortest_s * fps - _ROUNDING
         flags[changes[:-1][short]] = True
     return flags

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,23 +35,11 @@ from physretarget.validation.report import (
     UsedSettings,
 )
 from physretarget.validation.rule import Rule, Verdict
-from physretarget.validation.series import Shown
+from physretarget.validation.series import FrameSeries, Timelines
 from physretarget.validation.simulated import play, simulated_measures
 
 DERIVATIVE = "central differences, second order"
 MEASURED = f"; measures at {MEASURED_HZ:g} frames/s, findings at every frame"
-# Per-frame arrays that timelines show, by the names they have there.
-_SERIES = {
-    "unexplained_force_bw": "unexplained_force",
-    "unexplained_moment_bwh": "unexplained_moment",
-    "lowest_point_m": "lowest",
-    "skate_speed_m_s": "skate",
-    "cop_outside_m": "cop_outside",
-    "joint_torque_ratio": "torque_ratio",
-    "joint_speed_rad_s": "joint_speed",
-    "self_penetration_m": "self_penetration",
-    "jerk_dimensionless": "jerk",
-}
 
 
 def validate(
@@ -105,7 +92,7 @@ def validate(
         coverage=tuple(coverage[rule.code] for rule in chosen),
         causes=likeliest(causes),
         literature=literature(analysis) if settings.also_literature else {},
-        series=_series(analysis),
+        series=_timelines(analysis.series),
         forces=_forces(analysis),
     )
 
@@ -186,35 +173,36 @@ def _used(analysis: Analysis) -> UsedSettings:
 
 
 def _forces(analysis: Analysis) -> ContactForces | None:
-    if "arrow_force" not in analysis.has:
+    arrows = analysis.series.arrows
+    if arrows is None:
         return None
     return ContactForces(
-        Shown(
-            {
-                "origin": partial(_single, analysis.series, "arrow_origin"),
-                "vector": partial(_single, analysis.series, "arrow_force"),
-            }
-        )
+        Timelines({"origin": lambda: arrows.origin, "vector": lambda: arrows.force})
     )
 
 
-def _single(
-    series: Mapping[str, NDArray[np.generic]], name: str, column: int | None = None
-) -> NDArray[np.float32]:
-    array = series[name] if column is None else series[name][:, column]
-    return np.ascontiguousarray(array, dtype=np.float32)
-
-
-def _series(analysis: Analysis) -> Shown:
-    made = {
-        shown: partial(_single, analysis.series, name)
-        for shown, name in _SERIES.items()
-        if name in analysis.has
-    }
-    for shown, name in (
-        ("required_force_vertical_bw", "required_force"),
-        ("contact_force_vertical_bw", "contact_force"),
-    ):
-        if name in analysis.has:
-            made[shown] = partial(_single, analysis.series, name, 2)
-    return Shown(made)
+def _timelines(series: FrameSeries) -> Timelines:
+    """The per-frame arrays that pages show, by the names they have there."""
+    made: dict[str, Callable[[], NDArray[np.generic]]] = {}
+    if residual := series.residual:
+        made["unexplained_force_bw"] = lambda: residual.force
+        made["unexplained_moment_bwh"] = lambda: residual.moment
+    if floor := series.floor:
+        made["lowest_point_m"] = lambda: floor.lowest
+    if skate := series.skate:
+        made["skate_speed_m_s"] = lambda: skate.speed
+    if residual:
+        made["cop_outside_m"] = lambda: residual.cop_outside
+    if torque := series.torque:
+        made["joint_torque_ratio"] = lambda: torque.share
+    if fastest := series.joint_speed:
+        made["joint_speed_rad_s"] = lambda: fastest.speed
+    if overlap := series.overlap:
+        made["self_penetration_m"] = lambda: overlap.depth
+    if jerk := series.jerk:
+        made["jerk_dimensionless"] = lambda: jerk.worst
+    if required := series.required:
+        made["required_force_vertical_bw"] = lambda: required.force[:, 2]
+    if bearing := series.bearing:
+        made["contact_force_vertical_bw"] = lambda: bearing.force[:, 2]
+    return Timelines(made)

@@ -157,7 +157,8 @@ def test_simulated_motors_are_believed(subject: str, scenario: str, fps: int) ->
     """Motors of the simulation keep to nine tenths of their limits; limp joints use none."""
     played = simulated(Take(subject, scenario, 5, 0))
     analysis = analyse(played.clip(fps), played.subject.character, Settings(), None)
-    needed: NDArray[np.float64] = analysis["torque_ratio"]
+    assert analysis.series.torque is not None
+    needed: NDArray[np.float64] = analysis.series.torque.share
     assert (needed > 1.0).mean() < 0.02
     assert np.quantile(needed, 0.95) < 0.95
 

@@ -34,11 +34,12 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     """A body sinks into the floor."""
     if slope := on_slope(analysis.character):
         return Verdict(not_covered=slope)
-    if "deepest" not in analysis.has:
+    floor = analysis.series.floor
+    if floor is None:
         return Verdict(not_covered="the model has no contact geometry")
-    body = analysis.ints("deepest_body")
+    body = floor.deepest_body
     return exceeding(
-        analysis, rule, -analysis["deepest"] - landing_depth(analysis, limits["warning"]),
+        analysis, rule, -floor.deepest - landing_depth(analysis, floor, limits["warning"]),
         warning=limits["warning"], error=limits["error"],
         unit="m", body=lambda t: analysis.body_name(body[t]),
         message="{body} is {value} {unit} below the floor (limit {limit})",

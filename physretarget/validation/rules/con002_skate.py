@@ -35,9 +35,10 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     """A loaded foot slides over the floor."""
     if slope := on_slope(analysis.character):
         return Verdict(not_covered=slope)
-    if "skate" not in analysis.has:
+    skate = analysis.series.skate
+    if skate is None:
         return Verdict(not_covered=analysis.no_forces_because)
-    body, speed = analysis.ints("skate_body"), analysis["skate_free"]
+    body, speed = skate.body, skate.free
     found = []
     for first, last in runs(speed > limits["speed"]):
         slid = float(speed[first : last + 1].sum() / analysis.fps)

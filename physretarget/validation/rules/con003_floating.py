@@ -28,23 +28,25 @@ from physretarget.validation.rule import Limit, Limits, Rule, Verdict, most_seve
 
 def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     """The body hangs in the air without support."""
-    if not analysis.judges_forces:
+    forces = analysis.forces
+    if forces is None:
         return Verdict(not_covered=analysis.no_forces_because)
     if held := states.held_elsewhere(analysis):
         return Verdict(not_covered=held)
-    body = analysis.ints("lowest_body")
+    lowest, body = forces.floor.lowest, forces.floor.lowest_body
+    vertical = forces.required.force[:, 2]
     found = []
-    for first, last in runs(states.floating(analysis)):
+    for first, last in runs(states.floating(analysis, forces)):
         seconds = (last - first + 1) / analysis.fps
         if seconds <= limits["warning"]:
             continue
-        worst = first + int(analysis["lowest"][first : last + 1].argmax())
-        height = float(analysis["lowest"][worst])
+        worst = first + int(lowest[first : last + 1].argmax())
+        height = float(lowest[worst])
         severe = seconds > limits["error"]
         found.append(rule.finding(
             severity="error" if severe else "warning",
             message=f"floats for {seconds:.3g} s: the lowest point is {height:.3g} m above the "
-            f"floor and {analysis['required_force'][worst, 2]:.2g} BW of support are needed",
+            f"floor and {vertical[worst]:.2g} BW of support are needed",
             frame_first=analysis.clip_frame(first), frame_last=analysis.clip_frame(last),
             frame=analysis.clip_frame(worst), time_s=float(analysis.time[worst]),
             body=analysis.body_name(body[worst]), value=seconds,

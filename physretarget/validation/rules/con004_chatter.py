@@ -32,9 +32,10 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     """A contact switches on and off."""
     if slope := on_slope(analysis.character):
         return Verdict(not_covered=slope)
-    if "touch" not in analysis.has or analysis.frames < 3:
+    floor = analysis.series.floor
+    if floor is None or analysis.frames < 3:
         return Verdict(not_covered="the model has no contact geometry or the clip no motion")
-    flips = states.chatter(analysis, limits["shortest"])
+    flips = states.chatter(floor, analysis.fps, limits["shortest"])
     # The rate is taken over a second around each frame, or the clip where it is shorter.
     width = int(min(max(round(analysis.fps), 1), analysis.frames))
     rate = np.convolve(flips, np.ones(width), mode="same") / (width / analysis.fps)

@@ -26,24 +26,29 @@ A clip that was lifted by 3 cm after its contacts had been written.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from physretarget.validation.analysis import Analysis
-from physretarget.validation.declared import not_declared
+from physretarget.validation.declared import DeclaredContacts, not_declared
 from physretarget.validation.report import Finding
 from physretarget.validation.rule import Limit, Limits, Rule, Verdict, most_severe, runs
 
 
 def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     """The clip's own contacts and its geometry disagree."""
-    if "declared_height" not in analysis.has:
+    declared = analysis.series.declared
+    if declared is None:
         return Verdict(not_covered=not_declared(analysis.clip, analysis.character))
-    found = [*_in_the_air(analysis, limits, rule), *_at_rest(analysis, limits, rule)]
+    found = _in_the_air(analysis, declared, limits, rule)
+    found += _at_rest(analysis, declared.undeclared, limits, rule)
     return Verdict(findings=most_severe(found))
 
 
-def _in_the_air(analysis: Analysis, limits: Limits, rule: Rule) -> list[Finding]:
-    height = np.nan_to_num(analysis["declared_height"], nan=-np.inf)
-    bodies = analysis.ints("declared_body")
+def _in_the_air(
+    analysis: Analysis, declared: DeclaredContacts, limits: Limits, rule: Rule
+) -> list[Finding]:
+    height = np.nan_to_num(declared.height, nan=-np.inf)
+    bodies = declared.body
     severe_above = analysis.tolerance + limits["error"]
     found = []
     for first, last in runs(height > analysis.tolerance):
@@ -64,8 +69,9 @@ def _in_the_air(analysis: Analysis, limits: Limits, rule: Rule) -> list[Finding]
     return found
 
 
-def _at_rest(analysis: Analysis, limits: Limits, rule: Rule) -> list[Finding]:
-    bodies = analysis.ints("undeclared_body")
+def _at_rest(
+    analysis: Analysis, bodies: NDArray[np.int64], limits: Limits, rule: Rule
+) -> list[Finding]:
     found = []
     for body in np.unique(bodies[bodies >= 0]):
         for first, last in runs(bodies == body):

@@ -32,12 +32,13 @@ from physretarget.validation.rule import Limit, Limits, Rule, Verdict, exceeding
 
 def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     """No contact force explains the turning of the body."""
-    if not analysis.judges_forces:
+    forces = analysis.forces
+    if forces is None:
         return Verdict(not_covered=analysis.no_forces_because)
     if held := states.held_elsewhere(analysis):
         return Verdict(not_covered=held)
-    unjudged = states.flight(analysis) | ~states.known(analysis)
-    series = np.where(unjudged, np.nan, analysis["unexplained_moment"])
+    unjudged = states.flight(forces) | ~states.known(analysis)
+    series = np.where(unjudged, np.nan, forces.residual.moment)
     return exceeding(
         analysis, rule, series, warning=limits["warning"], error=limits["error"], unit="BW h",
         message="{value} {unit} of moment are explained by no contact (limit {limit})",

@@ -30,11 +30,12 @@ from physretarget.validation.rule import Limit, Limits, Rule, Verdict, exceeding
 
 def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     """The floor would have to pull."""
-    if "required_force" not in analysis.has:
+    required, pushes = analysis.series.required, analysis.series.pushes
+    if required is None or pushes is None:
         return Verdict(not_covered=analysis.no_forces_because)
     if held := states.held_elsewhere(analysis):
         return Verdict(not_covered=held)
-    pull = analysis["ringing"] - analysis["required_force"][:, 2]
+    pull = pushes.ringing - required.force[:, 2]
     return exceeding(
         analysis, rule, np.where(states.known(analysis), pull, np.nan), warning=limits["warning"],
         error=limits["error"], unit="BW", sign=-1.0,

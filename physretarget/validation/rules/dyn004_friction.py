@@ -30,11 +30,12 @@ from physretarget.validation.rule import Limit, Limits, Rule, Verdict, exceeding
 
 def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     """More friction is needed than the floor has."""
-    if "friction_demand" not in analysis.has:
+    pushes = analysis.series.pushes
+    if pushes is None:
         return Verdict(not_covered=analysis.no_forces_because)
     if held := states.held_elsewhere(analysis):
         return Verdict(not_covered=held)
-    demand = np.where(states.known(analysis), analysis["friction_demand"], np.nan)
+    demand = np.where(states.known(analysis), pushes.friction_demand, np.nan)
     return exceeding(
         analysis, rule, demand / analysis.friction,
         warning=limits["warning"], error=limits["error"], unit="of mu", minimum_s=0.05,

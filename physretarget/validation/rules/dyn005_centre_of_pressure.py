@@ -36,11 +36,13 @@ from physretarget.validation.rule import Limit, Limits, Rule, Verdict, exceeding
 
 def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     """The centre of pressure stays outside the support."""
-    if not analysis.judges_forces:
+    forces = analysis.forces
+    if forces is None:
         return Verdict(not_covered=analysis.no_forces_because)
     if held := states.held_elsewhere(analysis):
         return Verdict(not_covered=held)
-    outside = np.where(states.known(analysis), np.nan_to_num(analysis["cop_outside"]), 0.0)
+    outside = np.nan_to_num(forces.residual.cop_outside)
+    outside = np.where(states.known(analysis), outside, 0.0)
     character = analysis.character
     gravity = float(np.linalg.norm(character.model.opt.gravity))
     topples = math.sqrt(max(character.com_height, 1e-3) / max(gravity, 1e-3))

@@ -31,14 +31,15 @@ from physretarget.validation.rule import Limit, Limits, Rule, Verdict, exceeding
 
 def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     """In the air the centre of mass does not fall freely."""
-    if not analysis.judges_forces:
+    forces = analysis.forces
+    if forces is None:
         return Verdict(not_covered=analysis.no_forces_because)
     if held := states.held_elsewhere(analysis):
         return Verdict(not_covered=held)
-    judged = states.free_flight(analysis)
-    if short := states.too_short(analysis):
+    judged = states.free_flight(analysis, forces)
+    if short := states.too_short(analysis, forces):
         return Verdict(not_covered=short)
-    error = states.flight_error(analysis)
+    error = states.flight_error(analysis, forces)
     return exceeding(
         analysis, rule, np.where(judged, error, np.nan), warning=limits["warning"],
         error=limits["error"], unit="m/s^2", minimum_s=limits["hold"],

@@ -30,14 +30,15 @@ from physretarget.validation.rule import Limit, Limits, Rule, Verdict, exceeding
 
 def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     """In the air the angular momentum changes."""
-    if not analysis.judges_forces:
+    forces = analysis.forces
+    if forces is None:
         return Verdict(not_covered=analysis.no_forces_because)
     if held := states.held_elsewhere(analysis):
         return Verdict(not_covered=held)
-    if short := states.too_short(analysis):
+    if short := states.too_short(analysis, forces):
         return Verdict(not_covered=short)
-    judged = states.free_flight(analysis)
-    moment = states.flight_moment(analysis)
+    judged = states.free_flight(analysis, forces)
+    moment = states.flight_moment(forces)
     return exceeding(
         analysis, rule, np.where(judged, moment, np.nan), warning=limits["warning"],
         error=limits["error"], unit="BW h", minimum_s=0.05,

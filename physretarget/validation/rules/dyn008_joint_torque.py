@@ -30,16 +30,16 @@ from physretarget.validation.rule import Limit, Limits, Rule, Verdict, dof_names
 
 def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     """A joint needs more torque than its motor has."""
-    if "torque_ratio" not in analysis.has:
+    torque = analysis.series.torque
+    if torque is None:
         limited = analysis.work.torque is not None
         return Verdict(not_covered=(
             analysis.no_forces_because if limited else "no joint of the model has a torque limit"
         ))  # fmt: skip
     names = dof_names(analysis)
-    worst = analysis.ints("torque_dof")
-    ratio = analysis["torque_ratio"]
+    worst = torque.dof
     return exceeding(
-        analysis, rule, ratio, warning=limits["warning"],
+        analysis, rule, torque.share, warning=limits["warning"],
         error=limits["error"], unit="1", body=lambda t: names[worst[t]],
         minimum_s=limits["hold"],
         message="{body} needs {value} times its torque (limit {limit})",

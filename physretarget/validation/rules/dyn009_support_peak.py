@@ -28,10 +28,11 @@ from physretarget.validation.rule import Limit, Limits, Rule, Verdict, exceeding
 
 def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     """The floor would have to push harder than in any landing."""
-    if "required_force" not in analysis.has:
+    required = analysis.series.required
+    if required is None:
         return Verdict(not_covered=analysis.no_forces_because)
     return exceeding(
-        analysis, rule, analysis["required_force"][:, 2], warning=limits["warning"],
+        analysis, rule, required.force[:, 2], warning=limits["warning"],
         error=np.inf, unit="BW",
         message="{value} {unit} of support are needed (limit {limit})",
     )  # fmt: skip

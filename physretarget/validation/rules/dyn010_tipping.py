@@ -35,14 +35,15 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     """A base that only stands on its floor tips over."""
     if not analysis.stands:
         return Verdict(not_covered="only for models fixed to the world, with --stands")
-    if not analysis.judges_forces:
+    # At 30 instants a second, as the measures are taken: one number for one thing.
+    seen = analysis.measured
+    forces = seen.forces
+    if forces is None:
         return Verdict(not_covered=analysis.no_forces_because)
     if not has_base(analysis):
         return Verdict(not_covered="no geometry of the base is on the floor")
-    # At 30 instants a second, as the measures are taken: one number for one thing.
-    seen = analysis.measured
-    margin = 1e3 * tip_margin(seen)
-    share = seen["required_force"][:, 2] / (1e3 * max(seen.character.com_height, 1e-3))
+    margin = 1e3 * tip_margin(seen, forces.required)
+    share = forces.required.force[:, 2] / (1e3 * max(seen.character.com_height, 1e-3))
     lowest = float(np.nanmin(margin * share)) if np.isfinite(margin).any() else 0.0
     return exceeding(
         seen, rule, -margin, warning=-limits["warning"], error=-limits["error"], unit="mm",

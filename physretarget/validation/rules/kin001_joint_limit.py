@@ -28,18 +28,19 @@ from physretarget.validation.rule import Limit, Limits, Rule, Verdict, exceeding
 
 def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     """A joint leaves its range."""
-    if "limit_excess" not in analysis.has:
+    beyond = analysis.series.limit_excess
+    if beyond is None:
         return Verdict(not_covered="no joint of the model has a range")
     joints = analysis.character.tree.joints
     address = np.array([j.qpos for j in joints])
-    worst = analysis.ints("limit_qpos")
+    worst = beyond.coordinate
 
     def joint(frame: int) -> str:
         index = int(np.searchsorted(address, worst[frame], side="right")) - 1
         return analysis.character.joint_names[index]
 
     return exceeding(
-        analysis, rule, analysis["limit_excess"], warning=limits["warning"],
+        analysis, rule, beyond.excess, warning=limits["warning"],
         error=limits["error"], unit="rad", body=joint,
         message="{body} is {value} {unit} beyond its range (limit {limit})",
     )  # fmt: skip

@@ -27,12 +27,13 @@ from physretarget.validation.rule import Limit, Limits, Rule, Verdict, dof_names
 
 def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     """A joint turns faster than bodies and motors do."""
-    if "joint_speed" not in analysis.has:
+    fastest = analysis.series.joint_speed
+    if fastest is None:
         return Verdict(not_covered="the model has no hinge or slide joint")
     names = dof_names(analysis)
-    worst = analysis.ints("joint_speed_dof")
+    worst = fastest.dof
     return exceeding(
-        analysis, rule, analysis["joint_speed"], warning=limits["warning"],
+        analysis, rule, fastest.speed, warning=limits["warning"],
         error=limits["error"], unit="rad/s", body=lambda t: names[worst[t]],
         message="{body} moves at {value} {unit} (limit {limit})",
     )  # fmt: skip

@@ -26,15 +26,16 @@ from physretarget.validation.rule import Limit, Limits, Rule, Verdict, exceeding
 
 def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     """Bodies of the character pass through each other."""
-    if "self_penetration" not in analysis.has:
+    overlap = analysis.series.overlap
+    if overlap is None:
         return Verdict(not_covered="the model has no two bodies that may collide")
-    pair = analysis.ints("self_pair")
+    pair = overlap.pair
 
     def bodies(frame: int) -> str:
         return " and ".join(analysis.body_name(b) for b in pair[frame])
 
     return exceeding(
-        analysis, rule, analysis["self_penetration"], warning=limits["warning"],
+        analysis, rule, overlap.depth, warning=limits["warning"],
         error=limits["error"], unit="m", body=bodies,
         message="{body} overlap by {value} {unit} (limit {limit})",
     )  # fmt: skip
