@@ -16,6 +16,15 @@ from __future__ import annotations
 
 from os import PathLike, fspath
 
+__all__ = [
+    "InputError",
+    "MissingExtraError",
+    "PhysretargetError",
+    "SolverError",
+    "UnsafeInputError",
+    "UsageError",
+]
+
 
 class PhysretargetError(Exception):
     """Base of every error that this package raises on purpose."""

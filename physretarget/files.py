@@ -22,7 +22,14 @@ _ZIP_DATE = (1980, 1, 1, 0, 0, 0)
 
 
 def npz_bytes(arrays: Mapping[str, NDArray[Any]]) -> bytes:
-    """The bytes of an npz: members sorted by name, dates fixed, never pickled."""
+    """The bytes of an npz: members sorted by name, dates fixed, never pickled.
+
+    Args:
+        arrays: Name of the member → array.
+
+    Returns:
+        The file's bytes.
+    """
     content = io.BytesIO()
     with zipfile.ZipFile(content, "w", zipfile.ZIP_STORED) as archive:
         for name, array in sorted(arrays.items()):
@@ -36,6 +43,10 @@ def npz_bytes(arrays: Mapping[str, NDArray[Any]]) -> bytes:
 
 def write_file(path: str | os.PathLike[str], content: bytes) -> None:
     """Write a file, whole or not at all; missing parent folders are made.
+
+    Args:
+        path: The file.
+        content: Its bytes.
 
     Raises:
         InputError: it cannot be written.

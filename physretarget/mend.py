@@ -42,6 +42,9 @@ def fix(clip: Clip, character: Character, *, settings: WholeBodySettings | None 
         character: any model with a free root.
         settings: of the last stage; defaults if None.
 
+    Returns:
+        The mended clip, and what was done to it.
+
     Raises:
         InputError: no free root, nothing that touches a floor, or too few frames.
         SolverError: a step has no solution.

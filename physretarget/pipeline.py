@@ -192,6 +192,9 @@ def retarget(
         simulation: of the last stage, ``simulated``; exact if None.
         progress: called with each stage's name as it starts.
 
+    Returns:
+        The clip after the last stage, and what each stage made.
+
     Raises:
         InputError: no run of valid frames is long enough to differentiate, at the capture's frame
             rate or at the clip's.

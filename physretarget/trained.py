@@ -48,7 +48,14 @@ class TrainedMapper:
     sources: tuple[str, ...]
 
     def nearest_pose(self, y: Array) -> Array:
-        """The character's pose (T, nq) of the key pose nearest to each frame of y (T, D_Y)."""
+        """The character's pose (T, nq) of the key pose nearest to each frame of y (T, D_Y).
+
+        Args:
+            y: (T, DY) features of the actor, m.
+
+        Returns:
+            (T, nq) poses of the character.
+        """
         squared = (
             np.sum(y**2, axis=1)[:, None] - 2.0 * y @ self.y.T + np.sum(self.y**2, axis=1)[None]
         )
@@ -60,7 +67,11 @@ class TrainedMapper:
         return hashlib.sha256(self.y.tobytes() + self.z.tobytes()).hexdigest()
 
     def save(self, path: str | Path) -> None:
-        """Write the mapper to an npz without pickles; same mapper, same bytes."""
+        """Write the mapper to an npz without pickles; same mapper, same bytes.
+
+        Args:
+            path: The .npz file.
+        """
         header = {
             "format": FORMAT,
             "character": self.character.name,
@@ -82,6 +93,13 @@ class TrainedMapper:
     @classmethod
     def load(cls, path: str | Path, character: Character) -> TrainedMapper:
         """Read a mapper that was learned for this very character.
+
+        Args:
+            path: The .npz file that ``save`` wrote.
+            character: The character that it was learned for.
+
+        Returns:
+            The mapper.
 
         Raises:
             InputError: not a mapper file, or learned for another character.
@@ -203,6 +221,9 @@ def learn(
         mapper: one of :data:`physretarget.mapping.NAMES`.
         dims: dimension of the latent space (the paper's D_X = 30).
         seed: of the latent initialisation.
+
+    Returns:
+        The mapper, to be given to ``retarget`` or saved.
 
     Raises:
         InputError: the character is fixed in the world, so that no motion can carry it.

@@ -34,6 +34,7 @@ ROOMS = (
     "physretarget.clip",
     "physretarget.keyposes",
     "physretarget.mapping",
+    "physretarget.mjcf",
     "physretarget.studio",
     "physretarget.errors",
 )

@@ -196,7 +196,15 @@ class Members(Mapping[str, NDArray[Any]]):
         return read_npy(file, size=self._entries[name].file_size, path=self.path, name=name)
 
     def frames(self, name: str, *, ndim: int) -> Frames:
-        """The named member as float64 of so many dimensions, read some frames at a time."""
+        """The named member as float64 of so many dimensions, read some frames at a time.
+
+        Args:
+            name: Member of the npz file.
+            ndim: Dimensions that it must have.
+
+        Returns:
+            The member, read some frames at a time.
+        """
         return npy_frames(
             lambda: self._open(name), size=self._entries[name].file_size, ndim=ndim,
             path=self.path, name=name,
@@ -215,11 +223,26 @@ class Members(Mapping[str, NDArray[Any]]):
         return _Member(lambda: self._archive.open(entry), name=name, path=self.path)
 
     def floats(self, name: str, *, ndim: int) -> NDArray[np.float64]:
-        """The named member as float64 of so many dimensions."""
+        """The named member as float64 of so many dimensions.
+
+        Args:
+            name: Member of the npz file.
+            ndim: Dimensions that it must have.
+
+        Returns:
+            The array.
+        """
         return as_floats(self[name], name=name, ndim=ndim, path=self.path)
 
     def strings(self, name: str) -> tuple[str, ...]:
-        """The named member as a tuple of strings."""
+        """The named member as a tuple of strings.
+
+        Args:
+            name: Member of the npz file.
+
+        Returns:
+            The strings.
+        """
         array = self[name]
         if array.dtype.kind == "S":
             array = np.char.decode(array, "utf-8", "replace")
@@ -229,7 +252,14 @@ class Members(Mapping[str, NDArray[Any]]):
         return names
 
     def scalar(self, name: str) -> float:
-        """The named member as one number."""
+        """The named member as one number.
+
+        Args:
+            name: Member of the npz file.
+
+        Returns:
+            The number.
+        """
         array = self[name]
         if array.size != 1 or array.dtype.kind not in "iufb":
             raise InputError(

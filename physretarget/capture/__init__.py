@@ -45,6 +45,9 @@ def read(
         subject: Whom to take where a file holds several people: a name, or a number from 1.
         rate: Frames per second of a file that does not say.
 
+    Returns:
+        Joints or markers over time, metres, z up.
+
     Raises:
         InputError: The file cannot be used, or nobody of that name is in it.
         MissingExtraError: A library for this format is not installed.
@@ -67,6 +70,19 @@ def inspect(
     """Who is which joint or marker of a capture, how well each fits, and what is doubtful.
 
     Args and Raises as in :func:`load`.
+
+    Args:
+        path: The capture.
+        unit: m, cm, mm, inch, cmu or metres per unit.
+        up: x, y, z, -x, -y or -z.
+        skeleton: The ASF file of an AMC motion.
+        mass: Of the actor, kg.
+        subject: Whom to take of several people.
+        rate: Frames per second of a file that does not say.
+        hold_floor: Take out the motion of a moving floor.
+
+    Returns:
+        Who is what, residuals in m, guesses and doubts.
     """
     recording = read(path, unit=unit, up=up, skeleton=skeleton, subject=subject, rate=rate)
     return inspect_recording(*_actor_in(recording, mass, hold_floor=hold_floor))
@@ -104,6 +120,9 @@ def load(
         hold_floor: Take out the motion of a floor that moves (a treadmill's belt, a drift); by
             default it is only told.
         on_doubt: What to do where the motion could not be a human's on a floor: note it, or fail.
+
+    Returns:
+        The actor's motion, z up, in metres and seconds.
 
     Raises:
         InputError: The file cannot be used, or is doubtful and ``on_doubt`` says fail.

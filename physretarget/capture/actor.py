@@ -219,13 +219,27 @@ class ActorMotion:
 
         Joint rotations are carried over; the root's path is scaled by the ratio of leg
         lengths, so that crouch, step and jump keep their meaning.
+
+        Args:
+            shape: Proportions of the other actor.
+
+        Returns:
+            The motion on that actor, same frames and time.
         """
         qpos = self.qpos.copy()
         qpos[:, :3] *= shape.leg_length / self.shape.leg_length
         return replace(self, shape=shape, qpos=qpos)
 
     def cut(self, first: int, last: int) -> ActorMotion:
-        """Frames ``first`` to ``last`` inclusive; time starts at 0 again."""
+        """Frames ``first`` to ``last`` inclusive; time starts at 0 again.
+
+        Args:
+            first: First frame kept.
+            last: Last frame kept.
+
+        Returns:
+            The part, its time from 0 s.
+        """
         frames = slice(first, last + 1)
         return replace(
             self,
@@ -235,7 +249,14 @@ class ActorMotion:
         )
 
     def resampled(self, fps: float) -> ActorMotion:
-        """The same motion at another rate: positions linearly, rotations along great arcs."""
+        """The same motion at another rate: positions linearly, rotations along great arcs.
+
+        Args:
+            fps: Frames per second of the result.
+
+        Returns:
+            The motion at that rate, same start.
+        """
         if not (np.isfinite(fps) and fps > 0):
             raise UsageError(f"A frame rate must be a positive number, not {fps}.")
         if len(self.time) < 2 or fps == self.fps:
@@ -245,7 +266,14 @@ class ActorMotion:
         return replace(self.played(time), time=time, fps=fps)
 
     def played(self, clock: Floats) -> ActorMotion:
-        """The motion as it is at the times ``clock`` (N,) s, which become its frames."""
+        """The motion as it is at the times ``clock`` (N,) s, which become its frames.
+
+        Args:
+            clock: (N,) times in s, within the motion.
+
+        Returns:
+            N frames, one at each time.
+        """
         count, time = len(clock), np.arange(len(clock)) / self.fps
         at = np.clip(clock * self.fps, 0, len(self.time) - 1)
         before = np.minimum(at.astype(np.int64), len(self.time) - 2)

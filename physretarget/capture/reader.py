@@ -120,6 +120,12 @@ content names is taken, else the last."""
 def find_reader(path: str | Path) -> Reader:
     """The reader of a file, by its content first, then by its name's ending.
 
+    Args:
+        path: The capture.
+
+    Returns:
+        The reader.
+
     Raises:
         InputError: there is no such file, it is empty, or of no known format.
     """

@@ -6,7 +6,6 @@ import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 
 import typer
 
@@ -15,12 +14,7 @@ from physretarget.clip import write_file
 from physretarget.errors import InputError, UsageError
 from physretarget.files import beside
 from physretarget.options.judging import Severity
-from physretarget.report.curation import render_csv, render_parquet, render_summary
-from physretarget.report.json import render_json
-from physretarget.report.junit import render_junit
-from physretarget.report.markdown import render_markdown
-from physretarget.report.sarif import render_sarif
-from physretarget.report.text import render_text
+from physretarget.report.formats import render
 from physretarget.report.words import count
 from physretarget.validation import Report
 
@@ -105,44 +99,14 @@ class Output:
     def _one(self, one: Judged) -> bytes:
         if one.page is not None:
             return one.page.encode()
-        return render(one.report, self.format, self.fail_on)
+        return render(one.report, self.format, fail_on=self.fail_on)
 
     def _all(self, judged: Sequence[Judged], unread: Mapping[str, str]) -> bytes:
         if not self.several and len(judged) == 1:
             return self._one(judged[0])
-        return render([one.report for one in judged], self.format, self.fail_on, unread)
-
-
-def render(
-    reports: Report | Sequence[Report],
-    format_: str,
-    fail_on: Severity,
-    unread: Mapping[str, str] = MappingProxyType({}),
-) -> bytes:
-    """One document that a parser of the format takes whole; of several reports, about them all.
-
-    JSON: of several an array. SARIF: one run, because GitHub's code scanning refuses files whose
-    runs share tool and category. JUnit: a suite per clip. Text: a summary. CSV and Parquet: a row
-    a clip. JSON and Markdown have no word for clips that could not be read: stderr names them.
-    """
-    match format_:
-        case "json":
-            return render_json(reports).encode()
-        case "sarif":
-            return render_sarif(reports, unread=unread).encode()
-        case "junit":
-            return render_junit(reports, fail_on=fail_on, unread=unread).encode()
-        case "markdown":
-            return render_markdown(reports).encode()
-        case "csv":
-            return render_csv(reports, unread).encode()
-        case "parquet":
-            return render_parquet(reports, unread)
-        case "text":
-            if isinstance(reports, Report):
-                return render_text(reports).encode()
-            return render_summary(reports, unread).encode()
-    raise ValueError(f"{format_} is drawn where the clip is at hand")
+        return render(
+            [one.report for one in judged], self.format, fail_on=self.fail_on, unread=unread
+        )
 
 
 def _verdict(judged: Sequence[Judged]) -> str:

@@ -50,7 +50,15 @@ class Motion(ABC):
 
     @abstractmethod
     def between(self, first: int, last: int) -> Floats:
-        """(last - first, nq) poses of the frames first to last - 1, as far as there are such."""
+        """(last - first, nq) poses of the frames first to last - 1, as far as there are such.
+
+        Args:
+            first: First frame.
+            last: Frame after the last one.
+
+        Returns:
+            (last - first, nq) poses.
+        """
 
     def whole(self) -> Clip:
         """The motion with all its poses in one array."""
@@ -106,7 +114,15 @@ class LongClip(Motion):
         return self.rows.width
 
     def between(self, first: int, last: int) -> Floats:
-        """(last - first, nq) poses of the frames first to last - 1."""
+        """(last - first, nq) poses of the frames first to last - 1.
+
+        Args:
+            first: First frame.
+            last: Frame after the last one.
+
+        Returns:
+            (last - first, nq) poses.
+        """
         return self.rows.between(first, last)
 
 
@@ -134,11 +150,23 @@ class Clip(Motion):
         return int(self.qpos.shape[1])
 
     def between(self, first: int, last: int) -> Floats:
-        """(last - first, nq) poses of the frames first to last - 1."""
+        """(last - first, nq) poses of the frames first to last - 1.
+
+        Args:
+            first: First frame.
+            last: Frame after the last one.
+
+        Returns:
+            (last - first, nq) poses.
+        """
         return self.qpos[max(0, first) : last]
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the clip: written beside its place, then renamed, so never half there."""
+        """Write the clip: written beside its place, then renamed, so never half there.
+
+        Args:
+            path: The .npz file.
+        """
         write_file(path, self.to_bytes())
 
     def to_bytes(self) -> bytes:

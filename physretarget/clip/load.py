@@ -47,6 +47,17 @@ def load_clip(
     metres per unit, of the root's position and of slides) say what a file does not. Raises
     InputError for anything that cannot be used, UnsafeInputError for a file that tries to run code
     or claims absurd sizes.
+
+    Args:
+        path: The file.
+        character: Checks and orders the joints by name, where given.
+        fps: Frames per second of a file that does not say.
+        quat: Order of the root's quaternion, wxyz or xyzw, likewise.
+        joint_order: model or breadth-first, of joints without names.
+        unit: m, cm, mm, inch or metres per unit.
+
+    Returns:
+        The clip, in MuJoCo's layout: metres, radians, wxyz.
     """
     return open_clip(
         path, character=character, fps=fps, quat=quat, joint_order=joint_order, unit=unit
@@ -66,6 +77,17 @@ def open_clip(
 
     npz, npy and csv are read some frames at a time, poses of long clips set aside in a temporary
     file. A pickle is one piece and is read as such.
+
+    Args:
+        path: The file.
+        character: As for ``load_clip``.
+        fps: As for ``load_clip``.
+        quat: As for ``load_clip``.
+        joint_order: As for ``load_clip``.
+        unit: As for ``load_clip``.
+
+    Returns:
+        The clip, its poses still in the file.
     """
     told = Told(fps=fps, quat=order_of(quat), joint_order=joint_order, scale=unit_scale(unit))
     source = Path(path)

@@ -93,6 +93,9 @@ def adjust(
         qpos: (T, nq) placed by momentum. time: (T,) s. phases: sampled at the same times.
         settings: defaults if None.
 
+    Returns:
+        The moved clip, its stances and which points stand.
+
     Raises:
         InputError: frames, times and phases do not match, or a pose is not finite.
     """

@@ -62,6 +62,13 @@ def detect_phases(motion: ActorMotion, *, settings: DetectionSettings | None = N
     """When each contact point of the actor stands on the floor.
 
     Frames that the capture could not give (``motion.valid`` False) have no contact.
+
+    Args:
+        motion: The actor's motion.
+        settings: Thresholds, the defaults if None.
+
+    Returns:
+        When which of the actor's points stands.
     """
     settings = settings or DetectionSettings()
     segment, local = motion.shape.contact_points()

@@ -39,13 +39,27 @@ class Phases:
     time: Floats
 
     def at(self, time: Floats) -> Phases:
-        """The same timetable sampled at other times (nearest frame; the ends are held)."""
+        """The same timetable sampled at other times (nearest frame; the ends are held).
+
+        Args:
+            time: (T,) times, s.
+
+        Returns:
+            The timetable at those times.
+        """
         time = np.asarray(time, dtype=np.float64)
         middle = 0.5 * (self.time[1:] + self.time[:-1])
         return Phases(self.names, self.active[np.searchsorted(middle, time)], time)
 
     def of(self, point: str | None) -> Bools:
-        """(T,) when ``point`` is planted; never, for a point that is not in the timetable."""
+        """(T,) when ``point`` is planted; never, for a point that is not in the timetable.
+
+        Args:
+            point: One of the actor's contact points, or None.
+
+        Returns:
+            (T,) whether it stands.
+        """
         if point in self.names:
             return self.active[:, self.names.index(point)]
         return np.zeros(len(self.time), dtype=bool)
@@ -77,7 +91,12 @@ def from_intervals(
 
 
 def write_phases(phases: Phases, path: str | PathLike[str]) -> None:
-    """Write a timetable as TOML, one ``[[phase]]`` per planted phase, to be edited by hand."""
+    """Write a timetable as TOML, one ``[[phase]]`` per planted phase, to be edited by hand.
+
+    Args:
+        phases: The phases.
+        path: The TOML file.
+    """
     header = (
         "# When the actor's contact points are planted on the floor.\n"
         "# point: one of " + ", ".join(KNOWN_POINTS) + "\n# start, end: s, both included\n"
@@ -100,6 +119,13 @@ def read_phases(path: str | PathLike[str], *, time: Floats | None = None) -> Pha
     Only ``[[phase]]`` tables with ``point``, ``start`` and ``end`` (s) are needed. ``time``
     (T,) are the frames to sample it at; without it the file's ``fps`` and ``duration`` are
     used, by default 120 Hz up to the last end.
+
+    Args:
+        path: The TOML file.
+        time: (T,) frames to sample it at, s.
+
+    Returns:
+        The phases.
 
     Raises:
         InputError: with the line, for broken TOML, unknown points or keys, or bad times.

@@ -40,12 +40,18 @@ def convert(
     """Read a clip in any format that is read, write it in the format that ``target`` ends in.
 
     Args:
-        source: see :func:`physretarget.clip.load_clip`; ``fps``, ``quat``, ``joint_order``
-            and ``unit`` are what it may need.
+        source: a clip in any format that :func:`physretarget.clip.load_clip` reads.
         target: ends in one of :data:`FORMATS`.
         character: the clip's model; bvh and glb cannot do without.
+        fps: frames per second of a source that does not say.
+        quat: order of the root's quaternion, likewise.
+        joint_order: order of joints without names, likewise.
+        unit: length unit of the source.
         to_quat: quaternion order of a csv (LAFAN1 files have xyzw).
         header: whether a csv begins with a line of names and has a column of time.
+
+    Returns:
+        The clip that was written.
 
     Raises:
         InputError: the clip cannot be used, or the target not be written.

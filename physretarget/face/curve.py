@@ -45,11 +45,27 @@ class Key:
     broken: bool = False
 
     def moved(self, time: float = 0.0, value: float = 0.0) -> Key:
-        """The same key shifted in time and value."""
+        """The same key shifted in time and value.
+
+        Args:
+            time: Added to the time, s.
+            value: Added to the value.
+
+        Returns:
+            The moved key.
+        """
         return replace(self, time=self.time + time, value=self.value + value)
 
     def scaled_to(self, time: float, value: float) -> Key:
-        """The same key with time and value, tangents included, multiplied."""
+        """The same key with time and value, tangents included, multiplied.
+
+        Args:
+            time: Factor of the time.
+            value: Factor of the value.
+
+        Returns:
+            The scaled key.
+        """
         (a, b), (c, d) = self.in_tangent, self.out_tangent
         return replace(
             self,
@@ -87,7 +103,17 @@ class Curve:
     def through(
         cls, time: ArrayLike, value: ArrayLike, tangents: TangentType = "auto", **options: bool
     ) -> Curve:
-        """A curve through points, its tangents computed as the type says."""
+        """A curve through points, its tangents computed as the type says.
+
+        Args:
+            time: (N,) s, increasing.
+            value: (N,) values, in the channel's unit.
+            tangents: Kind of all tangents.
+            options: Flags of every key.
+
+        Returns:
+            The curve.
+        """
         times, values = np.asarray(time, float), np.asarray(value, float)
         if times.ndim != 1 or times.shape != values.shape:
             raise InputError(f"times {times.shape} and values {values.shape} must be equal lists.")
@@ -102,7 +128,16 @@ class Curve:
         types: Iterable[tuple[TangentType, TangentType, bool]] | None = None,
         weighted: bool = True,
     ) -> Curve:
-        """A curve from rows like those of ``table``."""
+        """A curve from rows like those of ``table``.
+
+        Args:
+            table: (N, 6) rows as in ``table``.
+            types: Kinds of the tangents of every key, in and out, and whether it is broken.
+            weighted: Whether handles have lengths of their own.
+
+        Returns:
+            The curve.
+        """
         rows = np.asarray(table, float).tolist()
         fixed: tuple[TangentType, TangentType, bool] = ("fixed", "fixed", False)
         kinds = list(types) if types is not None else [fixed] * len(rows)
@@ -159,7 +194,14 @@ class Curve:
         return held, nexts
 
     def evaluate(self, time: ArrayLike) -> Array:
-        """Values at these times (any shape); constant outside the keys."""
+        """Values at these times (any shape); constant outside the keys.
+
+        Args:
+            time: Times, s, of any shape.
+
+        Returns:
+            Values of that shape.
+        """
         times = np.asarray(time, dtype=np.float64)
         flat = times.ravel()
         if len(self.keys) == 1:
@@ -183,18 +225,43 @@ class Curve:
         return result.reshape(times.shape)
 
     def sample(self, fps: float, start: float | None = None, end: float | None = None) -> Array:
-        """Values at ``start, start + 1/fps, ...`` up to ``end`` (the keys' extent by default)."""
+        """Values at ``start, start + 1/fps, ...`` up to ``end`` (the keys' extent by default).
+
+        Args:
+            fps: Samples per second.
+            start: First time, s.
+            end: Last time, s.
+
+        Returns:
+            (N,) values.
+        """
         first = self.start if start is None else start
         last = self.end if end is None else end
         count = max(1, math.floor((last - first) * fps + 1e-6) + 1)
         return self.evaluate(first + np.arange(count) / fps)
 
     def shifted(self, time: float = 0.0, value: float = 0.0) -> Curve:
-        """The same curve elsewhere."""
+        """The same curve elsewhere.
+
+        Args:
+            time: Added to every time, s.
+            value: Added to every value.
+
+        Returns:
+            The shifted curve.
+        """
         return replace(self, keys=tuple(k.moved(time, value) for k in self.keys))
 
     def scaled(self, time: float = 1.0, value: float = 1.0) -> Curve:
-        """Stretched about the origin: tangents dx by ``time``, dy by ``value``."""
+        """Stretched about the origin: tangents dx by ``time``, dy by ``value``.
+
+        Args:
+            time: Factor of every time, above 0.
+            value: Factor of every value.
+
+        Returns:
+            The scaled curve.
+        """
         if not (time > 0 and math.isfinite(time) and math.isfinite(value)):
             raise InputError(f"cannot scale a curve by {time:g} in time and {value:g} in value.")
         factor = np.array([time, value] * 3)
@@ -202,7 +269,14 @@ class Curve:
         return Curve.from_table(self.table * factor, kinds, self.weighted)
 
     def with_keys_at(self, times: Iterable[float]) -> Curve:
-        """Keys added without changing the curve (de Casteljau); outside its extent none are."""
+        """Keys added without changing the curve (de Casteljau); outside its extent none are.
+
+        Args:
+            times: Where to add keys, s.
+
+        Returns:
+            The same curve with more keys.
+        """
         curve = self
         for time in sorted(set(times)):
             if curve.start < time < curve.end and not np.any(curve.time == time):

@@ -17,6 +17,13 @@ def distance_profile(capture: Array, segment: Array) -> Array:
     """(M - n + 1,) distances of a segment (n,) to every window of the capture (M,).
 
     One correlation and cumulative sums; empty when the segment is the longer one.
+
+    Args:
+        capture: (M,) values.
+        segment: (n,) values, n ≤ M.
+
+    Returns:
+        (M - n + 1,) z-normalised distances.
     """
     n, m = len(segment), len(capture)
     if n == 0 or n > m:

@@ -100,7 +100,15 @@ class Library:
 
     @classmethod
     def of(cls, shots: Iterable[Shot], settings: LibrarySettings | None = None) -> Library:
-        """A library of shots; curves of one key or one value teach nothing and are left out."""
+        """A library of shots; curves of one key or one value teach nothing and are left out.
+
+        Args:
+            shots: The animator's shots.
+            settings: What counts as a segment.
+
+        Returns:
+            The library.
+        """
         examples = tuple(
             example
             for shot in shots
@@ -123,6 +131,16 @@ class Library:
         """Read files and folders; files whose content ``previous`` already holds are not parsed.
 
         What lies in a folder and cannot be read is left out, and ``left_out`` is told why.
+
+        Args:
+            paths: Files and folders.
+            settings: What counts as a segment.
+            previous: A library whose files need not be parsed again.
+            progress: Called with the name of every file.
+            left_out: Called with one sentence for every file that is no shot.
+
+        Returns:
+            The library.
 
         Raises:
             InputError: a named file is broken, or nothing with keys was found.
@@ -167,17 +185,38 @@ class Library:
         return keys[last].time - keys[first].time
 
     def duration(self, segment: Segment) -> float:
-        """Seconds from its first to its last key."""
+        """Seconds from its first to its last key.
+
+        Args:
+            segment: A segment of this library.
+
+        Returns:
+            Its length, s.
+        """
         return self._duration(segment.example, segment.first, segment.last)
 
     def curve(self, segment: Segment) -> Curve:
-        """The segment's own keys, time rebased to zero."""
+        """The segment's own keys, time rebased to zero.
+
+        Args:
+            segment: A segment of this library.
+
+        Returns:
+            Its curve, from 0 s.
+        """
         whole = self.examples[segment.example].curve
         keys = whole.keys[segment.first : segment.last + 1]
         return Curve(keys, whole.weighted).shifted(-keys[0].time)
 
     def without(self, drop: Callable[[Example], bool]) -> Library:
-        """The library less some examples (for held-out measurements)."""
+        """The library less some examples (for held-out measurements).
+
+        Args:
+            drop: Says which examples go.
+
+        Returns:
+            The smaller library.
+        """
         kept = tuple(e for e in self.examples if not drop(e))
         return Library(kept, self.settings)
 
@@ -224,12 +263,23 @@ class Library:
         return npz_bytes(arrays)
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write beside, then rename."""
+        """Write beside, then rename.
+
+        Args:
+            path: The .npz file.
+        """
         write_file(path, self.to_bytes())
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Library:
-        """Read what save wrote."""
+        """Read what save wrote.
+
+        Args:
+            path: The .npz file.
+
+        Returns:
+            The library.
+        """
         try:
             with np.load(path, allow_pickle=False) as archive:
                 content = {name: archive[name] for name in ("keys", "kinds", "count", "meta")}

@@ -163,6 +163,9 @@ def match(
         banks: what was made of the same library in an earlier call.
         progress: told what is being done.
 
+    Returns:
+        Curves, sources and doubts of every channel.
+
     Raises:
         InputError: channels that the capture lacks, locked keys outside the take or of unknown
             channels, or a library without a usable segment.

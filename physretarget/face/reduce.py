@@ -214,6 +214,17 @@ def reduce_curve(
 
     Raises InputError for samples that cannot be reduced, UsageError for an error below zero or a
     count below two.
+
+    Args:
+        values: (T,) dense samples.
+        fps: Samples per second.
+        how: decimate, schneider or rdp.
+        error: Largest deviation, in the unit of the values.
+        keys: Number of keys; give this or ``error``.
+        start: Time of the first sample, s.
+
+    Returns:
+        The sparse curve.
     """
     if error is not None and not 0 <= error < np.inf:
         raise UsageError(f"error is {error:g}; it must be zero or above.")

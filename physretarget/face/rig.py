@@ -68,7 +68,14 @@ class Rig:
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Rig:
-        """Read a rig file; unknown keys are errors that list the known ones."""
+        """Read a rig file; unknown keys are errors that list the known ones.
+
+        Args:
+            path: The TOML file.
+
+        Returns:
+            The rig.
+        """
         place = Path(path)
         try:
             content = tomllib.loads(place.read_text(encoding="utf-8"))
@@ -82,7 +89,14 @@ class Rig:
 
     @classmethod
     def of(cls, take: Take) -> Rig:
-        """A rig whose channels are the capture's own, grouped by ARKit's names."""
+        """A rig whose channels are the capture's own, grouped by ARKit's names.
+
+        Args:
+            take: The capture.
+
+        Returns:
+            The rig.
+        """
         channels = []
         for name, values in zip(take.channels, take.values.T, strict=True):
             low, high = min(0.0, float(values.min())), max(1.0, float(values.max()))
@@ -90,11 +104,24 @@ class Rig:
         return cls(take.name, tuple(channels))
 
     def matched(self, *, lips: bool = False) -> tuple[RigChannel, ...]:
-        """Channels to be matched: without lips, unless asked for."""
+        """Channels to be matched: without lips, unless asked for.
+
+        Args:
+            lips: Match lips, too.
+
+        Returns:
+            The channels.
+        """
         return tuple(c for c in self.channels if lips or c.group != LIPS)
 
     def drive(self, take: Take) -> Take:
         """The capture carried onto the rig's channels, kept within their ranges.
+
+        Args:
+            take: The capture.
+
+        Returns:
+            The capture in the rig's channels, same frames.
 
         Raises:
             InputError: a channel the rig asks for is not in the capture.
@@ -115,7 +142,15 @@ class Rig:
         return Take(take.name, take.time, names, values, take.sha256, take.notes)
 
     def borrows(self, group: str, library_channel: str) -> bool:
-        """Whether a group may take segments of a library channel."""
+        """Whether a group may take segments of a library channel.
+
+        Args:
+            group: One of the rig's groups.
+            library_channel: Name of a channel in the library.
+
+        Returns:
+            Whether it may.
+        """
         patterns = self.library.get(group, ())
         name = library_channel.lower()
         return not patterns or any(fnmatch.fnmatchcase(name, p.lower()) for p in patterns)

@@ -63,14 +63,28 @@ class Take:
         return float((len(self.time) - 1) / (self.time[-1] - self.time[0]))
 
     def channel(self, name: str) -> Array:
-        """(T,) values of one channel."""
+        """(T,) values of one channel.
+
+        Args:
+            name: Name of the channel.
+
+        Returns:
+            (T,) its values.
+        """
         if name not in self.channels:
             raise InputError(f"no channel {name}; there are {', '.join(self.channels)}.")
         column: Array = self.values[:, self.channels.index(name)]
         return column
 
     def resampled(self, fps: float) -> Take:
-        """Linear interpolation onto another frame rate."""
+        """Linear interpolation onto another frame rate.
+
+        Args:
+            fps: Frames per second of the result.
+
+        Returns:
+            The resampled capture.
+        """
         if not (np.isfinite(fps) and fps > 0):
             raise InputError(f"a frame rate of {fps:g} is not usable.")
         length = self.time[-1] - self.time[0]
@@ -80,7 +94,15 @@ class Take:
         return replace(self, time=time, values=values)
 
     def between(self, start: float, end: float) -> Take:
-        """The frames within [start, end], times kept."""
+        """The frames within [start, end], times kept.
+
+        Args:
+            start: First time, s.
+            end: Last time, s.
+
+        Returns:
+            The part.
+        """
         keep = (self.time >= start - 1e-9) & (self.time <= end + 1e-9)
         if keep.sum() < 2:
             raise InputError(f"{self.name}: fewer than two frames within {start:g}–{end:g} s.")

@@ -58,6 +58,14 @@ def check(
     """What is wrong with key poses: limits, floor, planted points, headings, duplicates.
 
     An error makes the pose unusable for learning as it stands; a warning deserves a look.
+
+    Args:
+        keyposes: The key poses.
+        character: The character that was posed.
+        settings: Tolerances, the defaults if None.
+
+    Returns:
+        One remark for everything that is wrong.
     """
     settings = settings or CheckSettings()
     remarks = [Remark(None, "warning", text) for text in keyposes.remarks]

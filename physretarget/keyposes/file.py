@@ -36,6 +36,13 @@ def load_keyposes(
 ) -> KeyPoseSet:
     """Read one or several key pose files of one character as one set.
 
+    Args:
+        paths: One file, or several that are used together.
+        character: The character that was posed.
+
+    Returns:
+        All key poses, in order.
+
     Raises:
         InputError: as :func:`load` and :func:`merged`.
     """
@@ -49,6 +56,13 @@ def load(path: str | PathLike[str], character: Character) -> KeyPoseSet:
 
     A file posed on an earlier version of the same character is accepted as long as the joints
     fit, with a remark: a new colour changes a model's hash but no pose.
+
+    Args:
+        path: The TOML file.
+        character: The character that was posed.
+
+    Returns:
+        The set.
 
     Raises:
         InputError: the file cannot be read, is no key pose file, belongs to another character
@@ -86,7 +100,13 @@ def _check_size(text: str, file: Path) -> None:
 
 
 def save(keyposes: KeyPoseSet, path: str | PathLike[str], character: Character) -> None:
-    """Write a key pose file, whole or not at all."""
+    """Write a key pose file, whole or not at all.
+
+    Args:
+        keyposes: The key poses.
+        path: The TOML file.
+        character: The character that was posed.
+    """
     layout = layout_of(character)
     content = {
         "format": FORMAT,

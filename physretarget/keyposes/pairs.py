@@ -29,6 +29,13 @@ def training_pairs(keyposes: KeyPoseSet, character: Character) -> tuple[Array, A
 
     Yamane 2010, section 4.1: local coordinates of markers on every link.
 
+    Args:
+        keyposes: The key poses.
+        character: The character that was posed.
+
+    Returns:
+        Actor features (N, DY) and character features (N, DZ), m.
+
     Raises:
         InputError: there are no key poses.
     """

@@ -73,13 +73,26 @@ class KeyPoseSet:
 
     @staticmethod
     def load(path: str | PathLike[str], character: Character) -> KeyPoseSet:
-        """Read a key pose file; see :func:`physretarget.keyposes.load`."""
+        """Read a key pose file; see :func:`physretarget.keyposes.load`.
+
+        Args:
+            path: The TOML file.
+            character: The character that was posed.
+
+        Returns:
+            The set.
+        """
         from physretarget.keyposes.file import load
 
         return load(path, character)
 
     def save(self, path: str | PathLike[str], character: Character) -> None:
-        """Write a key pose file; see :func:`physretarget.keyposes.save`."""
+        """Write a key pose file; see :func:`physretarget.keyposes.save`.
+
+        Args:
+            path: The TOML file.
+            character: The character that was posed.
+        """
         from physretarget.keyposes.file import save
 
         save(self, path, character)
@@ -87,6 +100,12 @@ class KeyPoseSet:
 
 def merged(sets: Sequence[KeyPoseSet]) -> KeyPoseSet:
     """One set of several, in order. Licences are joined: all of them bind.
+
+    Args:
+        sets: Sets of one character.
+
+    Returns:
+        The set of all.
 
     Raises:
         InputError: no set, sets of different characters or actors, a name that occurs twice.
@@ -129,6 +148,14 @@ def without_heading(
 
     The heading is that of Yamane 2010, section 4.1, so that what remains of the root's
     rotation is the smallest one that takes the vertical to the root's ``up``: roll and pitch.
+
+    Args:
+        qpos: (nq,) pose.
+        front: Front of the root, in its own frame.
+        up: Up direction of the root, in its own frame.
+
+    Returns:
+        (nq,) the pose.
     """
     result = np.array(qpos, dtype=np.float64)
     rotation = Rotation.from_quat(result[3:7], scalar_first=True)

@@ -53,6 +53,9 @@ def propose(
         planted: the actor's contact points that stand; None for those within 3.5 cm of the floor.
         limbs: which limb acts for the actor's, as :attr:`KeyPoseSet.limbs` has it.
 
+    Returns:
+        (nq,) the start pose.
+
     Raises:
         InputError: the character has no free root.
     """
@@ -74,7 +77,14 @@ def propose(
 
 
 def gaze_of_actor(actor_qpos: Array) -> Array:
-    """Unit vector (3,) out of the actor's face, in the heading frame."""
+    """Unit vector (3,) out of the actor's face, in the heading frame.
+
+    Args:
+        actor_qpos: (75,) pose of the reference actor.
+
+    Returns:
+        (3,) unit vector.
+    """
     actor = actor_character_of_reference()
     pose = forward(actor.tree, without_heading(actor_qpos)[None])
     return np.array(pose.rotation[0, SEGMENT["head"] + 1, :, 0])

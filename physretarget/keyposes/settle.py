@@ -92,13 +92,30 @@ def settled(
     """The pose (nq,) on its floor: planted points on it, none of the geometry in it.
 
     Where both cannot be had, the whole body is lifted.
+
+    Args:
+        character: The character.
+        qpos: (nq,) pose.
+        planted: Names of the contact points that stand.
+        held: Degrees of freedom that keep their value.
+
+    Returns:
+        (nq,) the pose on the floor.
     """
     found = _put_down(character, np.asarray(qpos, dtype=np.float64), planted, held, _ROUNDS)
     return _lifted(character, found, _solids(character))
 
 
 def plant(keyposes: KeyPoseSet, character: Character) -> KeyPoseSet:
-    """Key poses put down: of every pose what stands stands on the floor, and nothing is in it."""
+    """Key poses put down: of every pose what stands stands on the floor, and nothing is in it.
+
+    Args:
+        keyposes: The key poses.
+        character: The character that was posed.
+
+    Returns:
+        The key poses on the floor.
+    """
     return replace(keyposes, poses=tuple(_planted(pose, character) for pose in keyposes.poses))
 
 

@@ -48,6 +48,12 @@ def sheet(
     Both are drawn in their heading frame from the same side, and on one scale each throughout,
     so that crouch, stretch and height above the floor can be compared.
 
+    Args:
+        keyposes: The key poses.
+        character: The character that was posed.
+        path: The PNG file.
+        settings: Size and view, the defaults if None.
+
     Raises:
         InputError: there are no key poses.
         NoRenderingError: nothing to draw with is installed.

@@ -70,6 +70,9 @@ class GroundForces:
         Columns of the right foot are ``ground_force_r_vx`` … N, ``ground_force_r_px`` … m,
         ``ground_torque_r_x`` … N m, those of the left foot have ``l``. Time is the capture's own.
 
+        Args:
+            path: A file that ends in .mot or .csv.
+
         Raises:
             UsageError: the ending is neither.
             InputError: it cannot be written.
@@ -123,7 +126,12 @@ def forces(
         mass: kg of the body; by default from the stature, or the motion's own.
         lowpass_hz: on the joint positions; None filters nothing. Captures below 25 frames per
             second get 0.4 times their rate where the default is higher.
-        unit, up, skeleton: of the file, as for :func:`physretarget.load_capture`.
+        unit: of the file, as for :func:`physretarget.load_capture`.
+        up: likewise.
+        skeleton: likewise.
+
+    Returns:
+        Forces, centres of pressure and free moments of both feet.
 
     Raises:
         InputError: the file cannot be read, or no foot ever touches the floor.

@@ -50,6 +50,9 @@ def ground_wrench(
         hz: low-pass on the joint positions; None filters nothing.
         character: the motion's actor, where it has been built already.
 
+    Returns:
+        Force (T, 3) N and moment (T, 3) N m that the ground supplies.
+
     Raises:
         UsageError: ``hz`` is not between 0 and half the frame rate.
     """

@@ -48,6 +48,18 @@ def fit(
     key poses left out (:mod:`physretarget.mapping.calibration`); the means are the same without,
     which takes half the time. Raises UsageError for an unknown name, InputError for key poses
     that cannot be used.
+
+    Args:
+        name: One of ``NAMES``.
+        y: (N, DY) actor features, m.
+        z: (N, DZ) character features, m.
+        dims: Latent dimensions of sgplvm and pca, below N.
+        iterations: Of learning sgplvm.
+        seed: Of what is drawn while learning.
+        calibrated: Scale the variance by left-out key poses.
+
+    Returns:
+        The mapper.
     """
     if dims < 1 or iterations < 1:
         raise UsageError(f"dims and iterations must be at least 1, not {dims} and {iterations}")
@@ -65,7 +77,14 @@ def fit(
 
 
 def from_arrays(arrays: Arrays) -> Mapper:
-    """Rebuild a mapper from what its ``to_arrays`` gave."""
+    """Rebuild a mapper from what its ``to_arrays`` gave.
+
+    Args:
+        arrays: Name → array.
+
+    Returns:
+        The mapper.
+    """
     name = str(arrays.get("mapper", ""))
     kinds: dict[str, type[SharedGPLVM | GaussianProcess | PrincipalMap | NearestPoses]] = {
         "sgplvm": SharedGPLVM,

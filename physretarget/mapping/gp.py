@@ -51,14 +51,28 @@ class GaussianProcess:
 
     @one_thread
     def predict(self, y: Array) -> Mapped:
-        """Map frames y (T, DY), each on its own."""
+        """Map frames y (T, DY), each on its own.
+
+        Args:
+            y: (T, DY) actor features, m.
+
+        Returns:
+            Mean (T, DZ) m and variance (T,) m².
+        """
         frames = self.space_y.normal(checked_frames(y, self.space_y.centre.size))
         mean, variance = self.posterior.at(frames)
         scale = self.calibration.factor * self.space_z.scale**2
         return Mapped(self.space_z.natural(mean), variance * scale, share=self.calibration.share)
 
     def knowing(self, keep: NDArray[np.bool_]) -> GaussianProcess:
-        """The same kernel on a part (N,) of the key poses."""
+        """The same kernel on a part (N,) of the key poses.
+
+        Args:
+            keep: (N,) which key poses stay.
+
+        Returns:
+            The smaller mapper.
+        """
         return replace(self, keys_y=self.keys_y[keep], keys_z=self.keys_z[keep])
 
     def to_arrays(self) -> Arrays:
@@ -77,7 +91,14 @@ class GaussianProcess:
 
     @classmethod
     def from_arrays(cls, arrays: Arrays) -> GaussianProcess:
-        """Rebuild what :meth:`to_arrays` gave."""
+        """Rebuild what :meth:`to_arrays` gave.
+
+        Args:
+            arrays: Name → array.
+
+        Returns:
+            The mapper.
+        """
         a = {k: np.asarray(v, dtype=np.float64) for k, v in arrays.items() if k != "mapper"}
         return cls(
             kernel=Kernel.from_logs(a["logs"]),

@@ -125,6 +125,12 @@ class SharedGPLVM:
 
         With the guide every frame is searched on its own, so that frames mapped one by one
         and all at once agree; the paper's search wants them in order of time.
+
+        Args:
+            y: (T, DY) actor features, m.
+
+        Returns:
+            Mean (T, DZ) m and variance (T,) m².
         """
         frames = self.space_y.normal(checked_frames(y, self.space_y.centre.size))
         if self.search.guide == 0 or len(frames) <= _BLOCK:
@@ -145,6 +151,12 @@ class SharedGPLVM:
 
         The guide's variance stands for the latter: the likelihood of a frame that is like no key
         pose is as sharp as that of any other, about a wrong point.
+
+        Args:
+            frames: (T, DY) frames in normal units.
+
+        Returns:
+            Latent points (T, DX), and variance (T,) of each coordinate.
         """
         led = self.guide.predict(frames)
         if self.search.guide == 0:
@@ -153,7 +165,15 @@ class SharedGPLVM:
         return locate(self.actor, frames, led.mean, prior, self.search), led.variance
 
     def decode(self, latent: Array, doubt: Array | float = 0.0) -> Mapped:
-        """Character features at latent points (T, DX) known but for a variance ``doubt`` (T,)."""
+        """Character features at latent points (T, DX) known but for a variance ``doubt`` (T,).
+
+        Args:
+            latent: (T, DX) latent points.
+            doubt: (T,) variance of each latent coordinate.
+
+        Returns:
+            Mean (T, DZ) m and variance (T,) m².
+        """
         mean, variance = self.character.at(latent)
         variance = variance + doubt * self.character.slope(latent)
         return Mapped(
@@ -172,7 +192,14 @@ class SharedGPLVM:
         )
 
     def knowing(self, keep: NDArray[np.bool_]) -> SharedGPLVM:
-        """The same kernels and latent points, a part (N,) of the key poses."""
+        """The same kernels and latent points, a part (N,) of the key poses.
+
+        Args:
+            keep: (N,) which key poses stay.
+
+        Returns:
+            The smaller mapper.
+        """
         return replace(
             self,
             latent=self.latent[keep],
@@ -201,7 +228,14 @@ class SharedGPLVM:
 
     @classmethod
     def from_arrays(cls, arrays: Arrays) -> SharedGPLVM:
-        """Rebuild what :meth:`to_arrays` gave."""
+        """Rebuild what :meth:`to_arrays` gave.
+
+        Args:
+            arrays: Name → array.
+
+        Returns:
+            The mapper.
+        """
         names = {"mapper", "guide_mapper"}
         a = {k: np.asarray(v, dtype=np.float64) for k, v in arrays.items() if k not in names}
         guide = {k[6:]: v for k, v in a.items() if k.startswith("guide_")}

@@ -32,7 +32,14 @@ class NearestPoses:
 
     @one_thread
     def predict(self, y: Array) -> Mapped:
-        """Map frames y (T, DY), each on its own; the variance is not known."""
+        """Map frames y (T, DY), each on its own; the variance is not known.
+
+        Args:
+            y: (T, DY) actor features, m.
+
+        Returns:
+            Mean (T, DZ) m; the variance is NaN.
+        """
         frames = checked_frames(y, self.keys_y.shape[1])
         count = min(self.neighbours, self.keys_y.shape[0])
         centre = self.keys_y.mean(axis=0)  # keeps the squares small
@@ -54,7 +61,14 @@ class NearestPoses:
 
     @classmethod
     def from_arrays(cls, arrays: Arrays) -> NearestPoses:
-        """Rebuild what :meth:`to_arrays` gave."""
+        """Rebuild what :meth:`to_arrays` gave.
+
+        Args:
+            arrays: Name → array.
+
+        Returns:
+            The mapper.
+        """
         return cls(
             np.asarray(arrays["keys_y"], dtype=np.float64),
             np.asarray(arrays["keys_z"], dtype=np.float64),

@@ -27,7 +27,14 @@ class PrincipalMap:
 
     @one_thread
     def predict(self, y: Array) -> Mapped:
-        """Map frames y (T, DY), each on its own; the variance is not known."""
+        """Map frames y (T, DY), each on its own; the variance is not known.
+
+        Args:
+            y: (T, DY) actor features, m.
+
+        Returns:
+            Mean (T, DZ) m; the variance is NaN.
+        """
         frames = checked_frames(y, self.centre_y.size)
         mean = self.centre_z + (frames - self.centre_y) @ self.linear.T
         return Mapped(mean, np.full(frames.shape[0], np.nan))
@@ -43,7 +50,14 @@ class PrincipalMap:
 
     @classmethod
     def from_arrays(cls, arrays: Arrays) -> PrincipalMap:
-        """Rebuild what :meth:`to_arrays` gave."""
+        """Rebuild what :meth:`to_arrays` gave.
+
+        Args:
+            arrays: Name → array.
+
+        Returns:
+            The mapper.
+        """
         name = str(arrays.get("mapper", "pca"))
         a = {k: np.asarray(v, dtype=np.float64) for k, v in arrays.items() if k != "mapper"}
         return cls(a["centre_y"], a["centre_z"], a["linear"], name)

@@ -45,7 +45,14 @@ class Mapper(Protocol):
         ...
 
     def predict(self, y: Array) -> Mapped:
-        """Map frames ``y`` (T, DY), in order of time."""
+        """Map frames ``y`` (T, DY), in order of time.
+
+        Args:
+            y: (T, DY) actor features, m.
+
+        Returns:
+            Mean (T, DZ) m and variance (T,) m².
+        """
         ...
 
     def to_arrays(self) -> Arrays:
@@ -62,17 +69,38 @@ class Space:
 
     @classmethod
     def of(cls, observations: Array) -> Space:
-        """Centre and RMS spread per coordinate of ``observations`` (N, D)."""
+        """Centre and RMS spread per coordinate of ``observations`` (N, D).
+
+        Args:
+            observations: (N, D) features, m.
+
+        Returns:
+            The space.
+        """
         centre = observations.mean(axis=0)
         scale = float(np.sqrt(np.mean((observations - centre) ** 2)))
         return cls(centre, scale if scale > 1e-12 else 1.0)
 
     def normal(self, observations: Array) -> Array:
-        """Centred and scaled."""
+        """Centred and scaled.
+
+        Args:
+            observations: (N, D) features, m.
+
+        Returns:
+            (N, D) of unit spread.
+        """
         return (observations - self.centre) / self.scale
 
     def natural(self, normal: Array) -> Array:
-        """Back in the units of the observations."""
+        """Back in the units of the observations.
+
+        Args:
+            normal: (N, D) of unit spread.
+
+        Returns:
+            (N, D) features, m.
+        """
         return self.centre + self.scale * normal
 
 

@@ -27,6 +27,12 @@ def actor_character(shape: ActorShape) -> Character:
     """The actor's model: bodies, joints and qpos laid out as in ``shape.tree()``.
 
     Its contact points are ``CONTACT_POINTS`` in that order, each tied to itself.
+
+    Args:
+        shape: The actor's proportions.
+
+    Returns:
+        The character.
     """
     actor = Character.from_xml(actor_xml(shape), name=shape.name)
     order = [actor.tied.index(point) for point in CONTACT_POINTS]
@@ -39,7 +45,14 @@ def actor_character(shape: ActorShape) -> Character:
 
 
 def actor_xml(shape: ActorShape) -> str:
-    """The actor's MJCF text; the same proportions give the same text."""
+    """The actor's MJCF text; the same proportions give the same text.
+
+    Args:
+        shape: The actor's proportions.
+
+    Returns:
+        MJCF.
+    """
     inertias = segment_inertias(shape)
     looks, features = geoms(shape), feature_points(shape)
     touching, where = shape.contact_points()

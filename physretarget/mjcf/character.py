@@ -95,6 +95,13 @@ class Character:
         ``untrusted`` refuses everything in the file that could run code, read outside the
         file's folder or take memory beyond any sensible model, by the checks of uploads.
 
+        Args:
+            path: The MJCF file.
+            untrusted: Refuse what an upload may not contain.
+
+        Returns:
+            The character.
+
         Raises:
             InputError: the file cannot be read or compiled; names the line where one is known.
             UnsafeInputError: refused because untrusted.
@@ -105,7 +112,15 @@ class Character:
 
     @classmethod
     def from_xml(cls, text: str, *, name: str = "model") -> Character:
-        """The same from a text. Assets are then found relative to the working directory."""
+        """The same from a text. Assets are then found relative to the working directory.
+
+        Args:
+            text: The MJCF text.
+            name: Name of a model that has none.
+
+        Returns:
+            The character.
+        """
         source = source_of_text(text)
         return character_of(source, _compiled(source), name)
 

@@ -65,6 +65,14 @@ def derivatives(character: Character, qpos: Array, time: Array) -> tuple[Array, 
     very instant, so that qpos, qvel and qacc belong to the same time. Fewer than four frames
     give what they can: a constant acceleration, a constant velocity, or none.
 
+    Args:
+        character: The character.
+        qpos: (T, nq) poses.
+        time: (T,) s.
+
+    Returns:
+        qvel and qacc, (T, nv) each.
+
     Raises:
         InputError: `time` is not uniform and increasing, or shapes disagree.
     """
@@ -98,7 +106,12 @@ def derivatives(character: Character, qpos: Array, time: Array) -> tuple[Array, 
 
 
 def check_lowpass(fps: float, hz: float) -> None:
-    """Raise UsageError where `hz` is not between 0 and half the frame rate."""
+    """Raise UsageError where `hz` is not between 0 and half the frame rate.
+
+    Args:
+        fps: Frames per second.
+        hz: Cut-off frequency.
+    """
     nyquist = 0.5 * fps
     if not 0 < hz < nyquist:
         raise UsageError(
@@ -115,6 +128,15 @@ def lowpass(character: Character, qpos: Array, fps: float, hz: float) -> Array:
     0.802 `hz`. (Winter 2009, section 3.4.4.2, would raise the cut-off by 1/0.802.)
     Quaternions are made continuous, filtered by component and renormalised: exact for a
     rotation at rest, and to second order in the angle swept within the filter's window.
+
+    Args:
+        character: The character.
+        qpos: (T, nq) poses.
+        fps: Frames per second.
+        hz: Frequency at which each of the two passes is at −3 dB.
+
+    Returns:
+        (T, nq) filtered poses.
 
     Raises:
         UsageError: `hz` is not between 0 and half the frame rate.
@@ -142,6 +164,14 @@ def smoothed(values: Array, fps: float, hz: float) -> Array:
     The continuation is the mirror image through the end, bent by the acceleration that a parabola
     over the last period of `hz` has there: a clip that ends in free fall goes on falling, where the
     plain mirror image would stop its acceleration.
+
+    Args:
+        values: (T, n) or (T,).
+        fps: Frames per second.
+        hz: Cut-off frequency.
+
+    Returns:
+        Filtered values of the same shape.
     """
     frames = len(values)
     # It forgets within three periods of the cutoff.
@@ -165,7 +195,16 @@ def _mirrored(values: Array, pad: int, window: int) -> Array:
 
 
 def momentum(character: Character, qpos: Array, qvel: Array) -> Momentum:
-    """Centroidal momentum and inertia of the root's tree, from MuJoCo's ``mj_subtreeVel``."""
+    """Centroidal momentum and inertia of the root's tree, from MuJoCo's ``mj_subtreeVel``.
+
+    Args:
+        character: The character.
+        qpos: (T, nq) poses.
+        qvel: (T, nv) velocities.
+
+    Returns:
+        Linear kg m/s, angular kg m²/s, CoM m and inertia kg m², world axes.
+    """
     qpos, qvel = _checked(character, qpos), _checked_dofs(character, qvel, qpos)
     model, root = character.model, character.root_body
     data = mujoco.MjData(model)
@@ -194,6 +233,15 @@ def required_wrench(character: Character, qpos: Array, qvel: Array, qacc: Array)
     """Inverse dynamics of every frame, contacts, limits and equalities left out.
 
     A fixed base is supported by the world: its wrench is what passes into the root body.
+
+    Args:
+        character: The character.
+        qpos: (T, nq) poses.
+        qvel: (T, nv) velocities.
+        qacc: (T, nv) accelerations.
+
+    Returns:
+        Force (T, 3) N and moment (T, 3) N m at the root, and joint torques.
     """
     qpos = _checked(character, qpos)
     qvel, qacc = _checked_dofs(character, qvel, qpos), _checked_dofs(character, qacc, qpos)

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 from physretarget.clip import Clip
+from physretarget.errors import UsageError
 from physretarget.mjcf import Character
 from physretarget.replay.figures import figure
 from physretarget.replay.scene import Forces, Scene, marks
-from physretarget.validation import Report
+from physretarget.replay.video import write_video
+from physretarget.replay.web import write_html
+from physretarget.validation import Report, validate
 
 _TINT = (0.42, 0.52, 0.70)
 
@@ -33,6 +37,9 @@ def clip_scene(
         report: the verdict on it; gives contact forces and, unless told, findings.
         findings: findings of a stored report (its JSON form) to show instead.
         title: headline, the clip's name if None.
+
+    Returns:
+        The scene, to be shown, filmed or written.
     """
     shown = (
         report.findings if findings is None else [SimpleNamespace(**entry) for entry in findings]
@@ -55,6 +62,35 @@ def clip_scene(
         ),
         marks=marks(shown),
     )
+
+
+def write_replay(
+    clip: Clip, character: Character, path: str | Path, *, report: Report | None = None
+) -> Path:
+    """Write a replay with forces and findings: a page that plays offline, or a film.
+
+    Args:
+        clip: The motion.
+        character: Whose motion it is.
+        path: A file that ends in .html, or in .mp4 (extra ``video``).
+        report: The verdict on the clip; judged here if None.
+
+    Returns:
+        The file.
+
+    Raises:
+        UsageError: The file's name ends in something else.
+        MissingExtraError: A film without the extra ``video``.
+    """
+    path = Path(path)
+    judged = report or validate(clip, character)
+    scene = clip_scene(clip, character, judged)
+    if path.suffix.lower() == ".mp4":
+        return write_video(scene, path)
+    if path.suffix.lower() not in {".html", ".htm"}:
+        raise UsageError(f"a replay is a .html or an .mp4 file, not {path.name!r}.")
+    write_html(scene, path, outcome=judged.verdict)
+    return path
 
 
 def report_forces(report: Report, frames: int) -> Forces | None:

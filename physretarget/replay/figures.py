@@ -83,6 +83,9 @@ def figure(
         contact_active: (T, K), which of the character's contact points stand.
         forces: arrows in body weights.
 
+    Returns:
+        What the player needs of it.
+
     Raises:
         InputError: qpos does not fit the model, is not finite, or the tracks differ in length.
     """

@@ -171,7 +171,14 @@ class Scene:
 
 
 def marks(findings: Sequence[FindingLike]) -> tuple[Mark, ...]:
-    """Findings that have a place in time, as marks on the clock, in order of time."""
+    """Findings that have a place in time, as marks on the clock, in order of time.
+
+    Args:
+        findings: A report's findings.
+
+    Returns:
+        The marks.
+    """
     found = []
     for finding in findings:
         if finding.frame_first is None:
@@ -193,7 +200,15 @@ def marks(findings: Sequence[FindingLike]) -> tuple[Mark, ...]:
 
 
 def with_marks(scene: Scene, findings: Sequence[FindingLike]) -> Scene:
-    """The scene with a report's findings on its clock."""
+    """The scene with a report's findings on its clock.
+
+    Args:
+        scene: A scene.
+        findings: A report's findings.
+
+    Returns:
+        A copy with the marks.
+    """
     return replace(scene, marks=marks(findings))
 
 

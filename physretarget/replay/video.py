@@ -47,6 +47,9 @@ def write_video(
         speed: 0.25 makes a slow-motion film.
         progress: called with pictures done and pictures in all.
 
+    Returns:
+        The film.
+
     Raises:
         MissingExtraError: the extra ``video`` is not installed.
         NoRenderingError: neither EGL nor OSMesa works here.

@@ -81,6 +81,17 @@ def write_html(
 ) -> Path:
     """Write the page of :func:`render`: one file, no other needed; same scene, same bytes.
 
+    Args:
+        scene: What to show.
+        path: The file.
+        title: Headline, the scene's if None.
+        autoplay: Whether it plays at once.
+        verdict: Sentence below the headline.
+        outcome: passed, failed or not judged, which colours the sentence.
+
+    Returns:
+        The file.
+
     Raises:
         InputError: the file cannot be written.
     """

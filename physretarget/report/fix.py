@@ -39,7 +39,18 @@ _NOTES = ("the clip as given", "mended")
 def write_fix_report(
     before: Clip, done: Fixed, character: Character, reports: tuple[Report, Report], folder: Path
 ) -> Path:
-    """Write ``report.html`` and the judgements before and after into a folder; the page's path."""
+    """Write ``report.html`` and the judgements before and after into a folder; the page's path.
+
+    Args:
+        before: The clip as given.
+        done: What ``fix`` gave.
+        character: Whose clip it is.
+        reports: The verdicts before and after.
+        folder: The folder, made if it is not there.
+
+    Returns:
+        The page.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     for name, report in zip(NAMES, reports, strict=True):
         write_file(folder / f"{name}.json", render_json(report).encode())

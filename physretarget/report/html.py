@@ -48,6 +48,9 @@ def render_html(
         contact_active: (T, K) of the character's contact points; the clip's own if None.
         forces: arrows to draw, in body weights.
         title: headline, the clip's name if None.
+
+    Returns:
+        The page, HTML.
     """
     document = as_document(report)
     active = contact_active if contact_active is not None else _clip_contacts(clip, character)

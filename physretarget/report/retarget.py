@@ -43,7 +43,14 @@ def write_retarget_report(
 ) -> Path:
     """Write ``report.html``, ``report.json``, ``stages.npz`` and the clip into a folder.
 
-    Returns the path of the page.
+    Args:
+        result: What ``retarget`` gave.
+        mapper: The mapper that was used.
+        report: The verdict on its clip.
+        folder: The folder, made if it is not there.
+
+    Returns:
+        The page.
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)

@@ -31,6 +31,9 @@ def render_simulation(played: Simulation, clip: Clip, character: Character) -> s
         played: the simulation.
         clip: what was to be played; its frames are the page's clock.
         character: who plays it.
+
+    Returns:
+        The page, HTML.
     """
     scene = simulation_scene(played, clip, character)
     charts = _charts(played, clip, character)

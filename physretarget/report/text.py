@@ -21,6 +21,15 @@ def render_text(report: Report, *, width: int = 110, color: bool = False, most: 
     """The report as text; ANSI colours only when asked for.
 
     At most ``most`` findings of one code and severity are listed, the others counted.
+
+    Args:
+        report: The report.
+        width: Columns of the terminal.
+        color: Use ANSI colours.
+        most: Findings listed of one code and severity.
+
+    Returns:
+        The text.
     """
     out = io.StringIO()
     console = Console(

@@ -11,7 +11,7 @@ what errors cost (:mod:`cost`), a window (:mod:`plan`), the whole clip (:mod:`tr
 
 from __future__ import annotations
 
-from physretarget.simulate.replay import follow, model_of, replay
+from physretarget.simulate.proof import follow, model_of, replay
 from physretarget.simulate.run import simulate
 from physretarget.simulate.settings import SimulationSettings, settings_of
 from physretarget.simulate.simulation import Simulation, SimulationMeasures

@@ -115,6 +115,12 @@ def settings_of(options: SimulationOptions) -> SimulationSettings:
     """The settings that the options of a user stand for.
 
     With a hand on the root, one iteration on a short window does.
+
+    Args:
+        options: The options of command line, service or suite.
+
+    Returns:
+        The settings.
     """
     if not options.assist:
         return SimulationSettings(budget=options.budget, seed=options.seed)

@@ -120,7 +120,11 @@ class Simulation:
         return self.ending == "end"
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write ``SIM.npz``: a clip file with the proof in it, see docs/validate.md."""
+        """Write ``SIM.npz``: a clip file with the proof in it, see docs/validate.md.
+
+        Args:
+            path: The .npz file.
+        """
         proof: dict[str, NDArray[Any]] = {
             "sim_timestep": np.array(self.timestep),
             "sim_qpos0": self.clip.qpos[0],

@@ -105,6 +105,9 @@ class Streamer:
             planted: (10,) which of ``CONTACT_POINTS`` stand, where it is known from elsewhere
                 (pressure soles, a timetable); None to tell from the motion.
 
+        Returns:
+            The posed frame, or None while the delay is not over.
+
         Raises:
             InputError: the pose has another length or is not finite, or time stands still.
         """
@@ -133,7 +136,14 @@ class Streamer:
             yield self._due()
 
     def play(self, frames: Iterable[tuple[float, Array]]) -> Iterator[Posed]:
-        """The poses of all frames (time, actor qpos), in order."""
+        """The poses of all frames (time, actor qpos), in order.
+
+        Args:
+            frames: Time in s and (75,) pose of the reference actor, in order.
+
+        Returns:
+            The posed frames.
+        """
         for time, qpos in frames:
             posed = self.next(time, qpos)
             if posed is not None:

@@ -53,7 +53,14 @@ class Take:
 
     @classmethod
     def of(cls, motion: ActorMotion) -> Take:
-        """Carry a capture onto the reference actor."""
+        """Carry a capture onto the reference actor.
+
+        Args:
+            motion: The actor's motion.
+
+        Returns:
+            The capture as the studio shows it.
+        """
         return cls(motion, motion.on(ActorShape.reference()).qpos)
 
     @property
@@ -62,11 +69,24 @@ class Take:
         return self.motion.source.name
 
     def frame(self, time: float) -> int:
-        """The frame nearest to a time (s)."""
+        """The frame nearest to a time (s).
+
+        Args:
+            time: Time of the capture, s.
+
+        Returns:
+            The frame's number.
+        """
         return int(np.argmin(np.abs(self.motion.time - time)))
 
     def actor(self, time: float) -> Array:
         """(75,) pose of the reference actor, without heading.
+
+        Args:
+            time: Time of the capture, s.
+
+        Returns:
+            (75,) pose.
 
         Raises:
             InputError: the actor was not seen then.
@@ -153,6 +173,12 @@ class Session:
     def find(self, name: str) -> KeyPose:
         """A key pose by name.
 
+        Args:
+            name: Name of the key pose.
+
+        Returns:
+            The key pose.
+
         Raises:
             InputError: there is none.
         """
@@ -164,6 +190,12 @@ class Session:
     def take(self, number: int) -> Take:
         """A capture by its number.
 
+        Args:
+            number: Number of the capture, from 0.
+
+        Returns:
+            The capture.
+
         Raises:
             UsageError: there is none.
         """
@@ -174,7 +206,16 @@ class Session:
     # ---- changes -------------------------------------------------------------------------------
 
     def add(self, take: int, time: float, revision: int) -> str:
-        """Begin a key pose of a frame with the proposed pose. Its name."""
+        """Begin a key pose of a frame with the proposed pose. Its name.
+
+        Args:
+            take: Number of the capture.
+            time: Of the frame, s.
+            revision: State that the caller has seen.
+
+        Returns:
+            The new key pose's name.
+        """
         own = self.take(take)
         actor = own.actor(time)
         planted = planted_points(actor)
@@ -197,7 +238,15 @@ class Session:
         self, name: str, qpos: Array, revision: int, *, planted: Sequence[str] | None = None,
         what: str = "pose",
     ) -> None:  # fmt: skip
-        """Give a key pose the character's pose ``qpos`` (nq,), as a gesture left it."""
+        """Give a key pose the character's pose ``qpos`` (nq,), as a gesture left it.
+
+        Args:
+            name: Name of the key pose.
+            qpos: (nq,) pose of the character.
+            revision: State that the caller has seen.
+            planted: The actor's points that stand; unchanged if None.
+            what: What undo calls it.
+        """
         if qpos.shape != (self.character.tree.nq,) or not np.isfinite(qpos).all():
             raise UsageError(f"a pose has {self.character.tree.nq} finite numbers.")
         unknown = set(planted or ()) - set(CONTACT_POINTS)
@@ -215,7 +264,13 @@ class Session:
         self._change_one(name, f"{what} {name}", revision, altered)
 
     def rename(self, name: str, new: str, revision: int) -> None:
-        """Call a key pose something else."""
+        """Call a key pose something else.
+
+        Args:
+            name: Name of the key pose.
+            new: Its new name.
+            revision: State that the caller has seen.
+        """
         self._ready(revision)
         new = " ".join(new.split())[:200]
         if not new or any(pose.name == new for pose in self.keyposes.poses):
@@ -223,7 +278,12 @@ class Session:
         self._change_one(name, f"rename {name}", revision, lambda pose: replace(pose, name=new))
 
     def delete(self, name: str, revision: int) -> None:
-        """Take a key pose away."""
+        """Take a key pose away.
+
+        Args:
+            name: Name of the key pose.
+            revision: State that the caller has seen.
+        """
         self._ready(revision)
         self.find(name)
         self._change(
@@ -232,7 +292,15 @@ class Session:
         )  # fmt: skip
 
     def mirror(self, name: str, revision: int) -> str:
-        """Add the key pose's mirror image. Its name."""
+        """Add the key pose's mirror image. Its name.
+
+        Args:
+            name: Name of the key pose.
+            revision: State that the caller has seen.
+
+        Returns:
+            The new key pose's name.
+        """
         self._ready(revision)
         pose = self.find(name)
         new = _free(f"{name}-mirrored", {each.name for each in self.keyposes.poses})
@@ -241,7 +309,14 @@ class Session:
         return new
 
     def blend(self, name: str, other: str, share: float, revision: int) -> None:
-        """Move a key pose's character towards another's: 0 leaves it, 1 copies the other."""
+        """Move a key pose's character towards another's: 0 leaves it, 1 copies the other.
+
+        Args:
+            name: Name of the key pose.
+            other: Name of the other key pose.
+            share: From 0 to 1.
+            revision: State that the caller has seen.
+        """
         if not 0.0 <= share <= 1.0:
             raise UsageError(f"the share is {share:g}; it is between 0 and 1.")
         self._ready(revision)
@@ -271,7 +346,11 @@ class Session:
         self._change(words, revision, lambda old: replace(old, limbs=tuple(kept.items())))
 
     def undo(self, revision: int) -> None:
-        """Take the last change back, without end."""
+        """Take the last change back, without end.
+
+        Args:
+            revision: State that the caller has seen.
+        """
         with self._lock:
             self._ready(revision)
             if len(self._done) < 2:
@@ -280,7 +359,11 @@ class Session:
             self._undone.append(self._done.pop())
 
     def redo(self, revision: int) -> None:
-        """Do again what was taken back last."""
+        """Do again what was taken back last.
+
+        Args:
+            revision: State that the caller has seen.
+        """
         with self._lock:
             self._ready(revision)
             if not self._undone:
@@ -289,7 +372,14 @@ class Session:
             self._done.append(self._undone.pop())
 
     def canonical(self, qpos: Array) -> Array:
-        """The pose over the origin with heading zero, as key poses are kept."""
+        """The pose over the origin with heading zero, as key poses are kept.
+
+        Args:
+            qpos: (nq,) pose.
+
+        Returns:
+            (nq,) the pose.
+        """
         return without_heading(qpos, front=self.character.front, up=self.character.up)
 
     # ---- the file ------------------------------------------------------------------------------

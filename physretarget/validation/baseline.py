@@ -26,7 +26,12 @@ Accepted = list[dict[str, Any]]
 
 
 def save_baseline(reports: Iterable[Report], path: str | os.PathLike[str]) -> None:
-    """Write the findings of these reports as accepted."""
+    """Write the findings of these reports as accepted.
+
+    Args:
+        reports: Reports whose findings are accepted.
+        path: The JSON file.
+    """
     entries = [
         {
             "clip": Path(report.clip.path).name, "code": f.code, "body": f.body,
@@ -41,7 +46,14 @@ def save_baseline(reports: Iterable[Report], path: str | os.PathLike[str]) -> No
 
 
 def load_baseline(path: str | os.PathLike[str]) -> Accepted:
-    """Read a baseline file."""
+    """Read a baseline file.
+
+    Args:
+        path: The JSON file.
+
+    Returns:
+        The accepted findings.
+    """
     try:
         document = json.loads(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
@@ -58,7 +70,15 @@ def load_baseline(path: str | os.PathLike[str]) -> Accepted:
 
 
 def apply_baseline(report: Report, accepted: Accepted) -> Report:
-    """The report without accepted findings; they are counted in ``Report.accepted``."""
+    """The report without accepted findings; they are counted in ``Report.accepted``.
+
+    Args:
+        report: A new report.
+        accepted: What ``load_baseline`` read.
+
+    Returns:
+        The report with what is new.
+    """
     name = Path(report.clip.path).name
     mine = [entry for entry in accepted if entry["clip"] == name]
     near = round(_NEAR_S * report.clip.fps)

@@ -33,7 +33,14 @@ class Settings(ValidationOptions):
     """
 
     def chosen(self, rules: tuple[Rule, ...]) -> tuple[Rule, ...]:
-        """The rules that are selected and not ignored."""
+        """The rules that are selected and not ignored.
+
+        Args:
+            rules: Rules to choose from.
+
+        Returns:
+            Those that apply, in order.
+        """
         check_codes((*self.select, *self.ignore), rules)
         return tuple(
             rule
@@ -48,6 +55,12 @@ class Settings(ValidationOptions):
 
         An error told below the warning that was not told moves it down: a finding between the two
         would otherwise be neither.
+
+        Args:
+            rule: The rule.
+
+        Returns:
+            Name of the limit → value, in the limit's unit.
         """
         values = {name: limit.under(self.profile) for name, limit in rule.limits.items()}
         told = self.limits.get(rule.code, {})
@@ -66,6 +79,9 @@ def settings_of(
         given: options by name, as :mod:`physretarget.options` reads them; ``config`` is the file.
         rules: whose codes are valid.
         group: the options that are about judging; others of the same name are left alone.
+
+    Returns:
+        The settings.
 
     Raises:
         InputError: the file cannot be used.
@@ -97,6 +113,14 @@ def load_settings(
     Keys: profile, lowpass_hz, contact_tolerance_m, friction, select, ignore, stands, and the tables
     [limits.CODE] name = value and [severity] CODE = "error" | "warning". Anything else is an
     InputError that lists what is valid.
+
+    Args:
+        path: The TOML file.
+        rules: Rules that it may name.
+        base: Settings that it changes.
+
+    Returns:
+        The settings.
     """
     source = Path(path)
     try:

@@ -187,6 +187,12 @@ class Report:
 
         An error about the whole clip leaves none. A stretch shorter than ``shortest_s`` is of no
         use to anybody who cuts it out, and is left out.
+
+        Args:
+            shortest_s: Shorter stretches are left out, s.
+
+        Returns:
+            Begin and end of each stretch, s.
         """
         bad = np.zeros(self.clip.frames, dtype=bool)
         for finding in self.findings:
@@ -201,7 +207,14 @@ class Report:
         return [(begin, end) for begin, end in ranges if end - begin >= shortest_s]
 
     def unmet(self, required: Iterable[str]) -> dict[str, str]:
-        """Of what is required to be judged (dynamics, contact, torques) what was not, and why."""
+        """Of what is required to be judged (dynamics, contact, torques) what was not, and why.
+
+        Args:
+            required: Any of dynamics, contact and torques.
+
+        Returns:
+            What was not judged → the reason.
+        """
         gaps = {name: self._gap(name) for name in required}
         return {name: reason for name, reason in gaps.items() if reason is not None}
 
@@ -215,7 +228,15 @@ class Report:
         return None if entry.status == "checked" else entry.reason
 
     def fails(self, fail_on: Severity = "error", require: Iterable[str] = ()) -> bool:
-        """Whether findings at or above this severity exist, or what is required was not judged."""
+        """Whether findings at or above this severity exist, or what is required was not judged.
+
+        Args:
+            fail_on: Severity that counts: error or warning.
+            require: Any of dynamics, contact and torques.
+
+        Returns:
+            Whether the exit code is 1.
+        """
         found = self.errors > 0 or (fail_on == "warning" and self.warnings > 0)
         return found or bool(self.unmet(require))
 

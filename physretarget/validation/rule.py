@@ -34,7 +34,14 @@ class Limit:
     robot: float | None = None
 
     def under(self, profile: Profile) -> float:
-        """The default under a profile."""
+        """The default under a profile.
+
+        Args:
+            profile: animation or robot.
+
+        Returns:
+            The value, in the limit's unit.
+        """
         return self.robot if profile == "robot" and self.robot is not None else self.value
 
 
@@ -83,7 +90,16 @@ class Rule:
         return {t: b.strip() for t, b in zip(parts[1::2], parts[2::2], strict=True)}
 
     def finding(self, *, severity: Severity, message: str, **where: object) -> Finding:
-        """A finding of this rule."""
+        """A finding of this rule.
+
+        Args:
+            severity: error or warning.
+            message: One sentence.
+            where: Frames, time, body, value, limit and unit.
+
+        Returns:
+            The finding.
+        """
         return Finding(
             code=self.code,
             rule=self.name,

@@ -54,6 +54,15 @@ def validate(
     ``progress`` is told how many frames of how many are done. Raises InputError where the clip
     does not fit the model, UsageError where settings make no sense. What cannot be judged is in
     the report's coverage, never an exception.
+
+    Args:
+        clip: The motion to judge.
+        character: Whose motion it is.
+        settings: Profile, filter and thresholds; the defaults if None.
+        progress: Called with frames done and frames in all.
+
+    Returns:
+        Findings, measures, causes, coverage and the verdict.
     """
     settings = settings or Settings()
     chosen = settings.chosen(RULES)
@@ -104,7 +113,17 @@ def validate_many(
     settings: Settings | None = None,
     workers: int = 1,
 ) -> Iterator[Report]:
-    """Judge several clips of one character, in order; ``workers`` threads share the work."""
+    """Judge several clips of one character, in order; ``workers`` threads share the work.
+
+    Args:
+        clips: The motions.
+        character: Whose motions they are.
+        settings: As for ``validate``.
+        workers: Threads.
+
+    Returns:
+        One report per clip, in order.
+    """
     if workers <= 1:
         for clip in clips:
             yield validate(clip, character, settings=settings)

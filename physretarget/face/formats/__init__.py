@@ -90,6 +90,12 @@ FORMATS: list[Format] = [
 def read_shots(path: str | PathLike[str]) -> tuple[Shot, ...]:
     """Every shot of a keyed file.
 
+    Args:
+        path: A keyed file of any format that is read.
+
+    Returns:
+        Its shots.
+
     Raises:
         InputError: no reader knows it, or it is broken.
     """
@@ -112,7 +118,15 @@ def known() -> str:
 
 
 def write_shot(path: str | PathLike[str], shot: Shot) -> tuple[str, ...]:
-    """Write in the format that the suffix names; returns what was lost."""
+    """Write in the format that the suffix names; returns what was lost.
+
+    Args:
+        path: The file; its suffix names the format.
+        shot: The curves.
+
+    Returns:
+        One sentence for everything that the format could not hold.
+    """
     name = Path(path).name.lower()
     suited = [
         (len(suffix), form)
@@ -133,6 +147,13 @@ def read_take(path: str | PathLike[str], *, fps: float | None = None) -> Take:
     """A dense capture: Live Link Face CSV, a plain ``time,channel,…`` CSV, or keyed curves.
 
     Curves are sampled at their file's frame rate, at 60 Hz where it has none.
+
+    Args:
+        path: The file.
+        fps: Rate at which keyed curves are sampled.
+
+    Returns:
+        The capture.
     """
     source = Source.open(path)
     if source.path.suffix.lower() != ".csv":

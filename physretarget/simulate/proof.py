@@ -19,6 +19,13 @@ def model_of(sim: Any, path: str | Path | None = None) -> mujoco.MjModel:
     """The model that a ``SIM.npz`` (as loaded by ``np.load``) was made with.
 
     `path` is the character's file, needed where the simulation was of the file itself.
+
+    Args:
+        sim: A ``SIM.npz`` as ``np.load`` gives it.
+        path: The character's file, where the simulation was of the file itself.
+
+    Returns:
+        The compiled model with the simulation's options.
     """
     xml = str(sim["sim_model_xml"])
     text = mujoco.MjModel.from_xml_string
@@ -29,7 +36,15 @@ def model_of(sim: Any, path: str | Path | None = None) -> mujoco.MjModel:
 
 
 def replay(sim: Any, model: mujoco.MjModel) -> Array:
-    """(N+1, nq) poses from the recorded torques: on the same machine, those of the file."""
+    """(N+1, nq) poses from the recorded torques: on the same machine, those of the file.
+
+    Args:
+        sim: A ``SIM.npz`` as ``np.load`` gives it.
+        model: Its model, from ``model_of``.
+
+    Returns:
+        (N + 1, nq) poses.
+    """
     data, poses = mujoco.MjData(model), [sim["sim_qpos0"]]
     data.qpos[:], data.qvel[:] = sim["sim_qpos0"], sim["sim_qvel0"]
     for force in sim["sim_qfrc_applied"]:
@@ -40,7 +55,17 @@ def replay(sim: Any, model: mujoco.MjModel) -> Array:
 
 
 def follow(sim: Any, model: mujoco.MjModel, qpos: Array, qvel: Array) -> Array:
-    """(N+1, nq) poses from another start, the recorded gains leading back to the motion."""
+    """(N+1, nq) poses from another start, the recorded gains leading back to the motion.
+
+    Args:
+        sim: A ``SIM.npz`` as ``np.load`` gives it.
+        model: Its model, from ``model_of``.
+        qpos: (nq,) pose to start from.
+        qvel: (nv,) velocity to start with.
+
+    Returns:
+        (N + 1, nq) poses.
+    """
     data, nv, wanted = mujoco.MjData(model), model.nv, sim["qpos"]
     data.qpos[:], data.qvel[:] = qpos, qvel
     controls, limit, step = sim["sim_controls"], sim["sim_torque_limit"], model.opt.timestep
