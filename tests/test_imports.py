@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import graphlib
 import importlib
 import shutil
 import subprocess
@@ -56,6 +58,37 @@ def test_import_contracts_are_kept() -> None:
         [program, "--no-cache"], cwd=ROOT, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stdout
+
+
+def _imports() -> dict[str, set[str]]:
+    """Every module of the package, and those that it imports anywhere: at the top, within
+    functions, for type checkers."""
+    files = {
+        ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path
+        for path in (ROOT / "physretarget").rglob("*.py")
+    }
+    found: dict[str, set[str]] = {name: set() for name in files}
+    for name, path in files.items():
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                found[name] |= {alias.name for alias in node.names}
+            elif isinstance(node, ast.ImportFrom):
+                assert node.level == 0, f"{path} has a relative import"
+                for alias in node.names:
+                    inner = f"{node.module}.{alias.name}"
+                    found[name].add(inner if inner in files else str(node.module))
+    return {name: (others & files.keys()) - {name} for name, others in found.items()}
+
+
+def test_no_module_imports_itself_by_way_of_others() -> None:
+    imports = _imports()
+    assert "physretarget.kinematics" in imports["physretarget.validation.standing"]
+    assert "physretarget.mapping" in imports["physretarget.mapping.compare"], "within a function"
+    assert "physretarget.mjcf" in imports["physretarget.features"], "for type checkers"
+    try:
+        graphlib.TopologicalSorter(imports).prepare()
+    except graphlib.CycleError as error:
+        pytest.fail(" -> ".join(error.args[1]))
 
 
 def test_the_library_starts_without_its_heavy_parts() -> None:

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from PIL import Image
 
+from physretarget import keyposes
 from physretarget.capture.actor import NQ, SEGMENT, ActorShape
 from physretarget.errors import InputError
 from physretarget.features import features
@@ -94,8 +95,8 @@ def some(character: Character, count: int = 2) -> KeyPoseSet:
 def test_round_trip(lamp: Character, tmp_path: Path) -> None:
     first = some(lamp)
     path = tmp_path / "some.toml"
-    first.save(path, lamp)
-    again = KeyPoseSet.load(path, lamp)
+    keyposes.save(first, path, lamp)
+    again = keyposes.load(path, lamp)
     assert again.license == "zlib"
     assert again.remarks == ()
     for a, b in zip(first.poses, again.poses, strict=True):
@@ -105,7 +106,7 @@ def test_round_trip(lamp: Character, tmp_path: Path) -> None:
         np.testing.assert_allclose(b.qpos, a.qpos, atol=1e-5)
         np.testing.assert_allclose(b.actor_qpos, a.actor_qpos, atol=2e-5)
     before = path.read_bytes()
-    again.save(path, lamp)
+    keyposes.save(again, path, lamp)
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]
 
@@ -140,7 +141,7 @@ def test_a_heading_cannot_be_saved(lamp: Character, tmp_path: Path) -> None:
     turn[3:7] = rotvec_to_quat(np.array([0.0, 0.0, 0.5]))
     wrong = replace(poses, poses=(replace(poses.poses[0], qpos=turn),))
     with pytest.raises(InputError, match="no heading"):
-        wrong.save(tmp_path / "x.toml", lamp)
+        keyposes.save(wrong, tmp_path / "x.toml", lamp)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -166,12 +167,12 @@ def test_errors_name_the_line(
     lamp: Character, tmp_path: Path, old: str, new: str, message: str, at: str
 ) -> None:
     path = tmp_path / "bad.toml"
-    some(lamp).save(path, lamp)
+    keyposes.save(some(lamp), path, lamp)
     text = path.read_text()
     assert old in text
     path.write_text(text.replace(old, new, 1))
     with pytest.raises(InputError, match=r"\A[^\n]*\Z") as caught:
-        KeyPoseSet.load(path, lamp)
+        keyposes.load(path, lamp)
     assert message in str(caught.value)
     assert caught.value.line is not None
     assert at in path.read_text().splitlines()[caught.value.line - 1]
@@ -181,16 +182,16 @@ def test_key_poses_of_another_character_are_refused(
     lamp: Character, penguin: Character, tmp_path: Path
 ) -> None:
     path = tmp_path / "lamp.toml"
-    some(lamp).save(path, lamp)
+    keyposes.save(some(lamp), path, lamp)
     with pytest.raises(InputError, match="key poses of 'lamp', but the character is 'penguin'"):
-        KeyPoseSet.load(path, penguin)
+        keyposes.load(path, penguin)
 
 
 def test_another_version_of_the_model_is_remarked(lamp: Character, tmp_path: Path) -> None:
     path = tmp_path / "lamp.toml"
-    some(lamp).save(path, lamp)
+    keyposes.save(some(lamp), path, lamp)
     path.write_text(path.read_text().replace(lamp.sha256, "0" * 64))
-    loaded = KeyPoseSet.load(path, lamp)
+    loaded = keyposes.load(path, lamp)
     assert "another version" in loaded.remarks[0]
     assert any("another version" in remark.message for remark in check(loaded, lamp))
 
@@ -208,9 +209,9 @@ def test_garbage_is_refused(lamp: Character, tmp_path: Path, content: bytes) -> 
     path = tmp_path / "x.toml"
     path.write_bytes(content)
     with pytest.raises(InputError):
-        KeyPoseSet.load(path, lamp)
+        keyposes.load(path, lamp)
     with pytest.raises(InputError, match="cannot be read"):
-        KeyPoseSet.load(tmp_path / "none.toml", lamp)
+        keyposes.load(tmp_path / "none.toml", lamp)
 
 
 @settings(max_examples=60, deadline=None)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from os import PathLike
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,7 +12,6 @@ from scipy.spatial.transform import Rotation
 from physretarget.capture.actor import REFERENCE_ACTOR
 from physretarget.errors import InputError
 from physretarget.features import local_frame
-from physretarget.mjcf import Character
 
 __all__ = ["KeyPose", "KeyPoseSet", "merged", "without_heading"]
 
@@ -70,32 +68,6 @@ class KeyPoseSet:
 
     def __len__(self) -> int:
         return len(self.poses)
-
-    @staticmethod
-    def load(path: str | PathLike[str], character: Character) -> KeyPoseSet:
-        """Read a key pose file; see :func:`physretarget.keyposes.load`.
-
-        Args:
-            path: The TOML file.
-            character: The character that was posed.
-
-        Returns:
-            The set.
-        """
-        from physretarget.keyposes.file import load
-
-        return load(path, character)
-
-    def save(self, path: str | PathLike[str], character: Character) -> None:
-        """Write a key pose file; see :func:`physretarget.keyposes.save`.
-
-        Args:
-            path: The TOML file.
-            character: The character that was posed.
-        """
-        from physretarget.keyposes.file import save
-
-        save(self, path, character)
 
 
 def merged(sets: Sequence[KeyPoseSet]) -> KeyPoseSet:

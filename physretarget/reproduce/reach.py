@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from physretarget import ik, mapping
 from physretarget.keyposes.propose import gazes
-
-if TYPE_CHECKING:
-    from physretarget.reproduce.studies import Subject
+from physretarget.reproduce.subject import Subject
 
 Array = NDArray[np.float64]
 

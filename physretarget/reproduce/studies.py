@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time as clock
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 from physretarget import capture, mapping
 from physretarget.capture.actor import ActorShape
 from physretarget.features import features
-from physretarget.keyposes import KeyPoseSet, load_keyposes, training_pairs
 from physretarget.mapping import Mapper, SharedGPLVM
 from physretarget.mapping.latent import latent_map
 from physretarget.mapping.search import SearchSettings
-from physretarget.mjcf import Character, actor_character
+from physretarget.mjcf import actor_character
 from physretarget.mjcf.dynamics import lowpass
 from physretarget.reproduce.holdout import (
     LEVELS,
@@ -31,6 +30,7 @@ from physretarget.reproduce.holdout import (
 from physretarget.reproduce.plan import Plan, Take, keypose_files
 from physretarget.reproduce.reach import reach
 from physretarget.reproduce.store import Piece, key_of, load, save
+from physretarget.reproduce.subject import subject
 
 Array = NDArray[np.float64]
 DIMS = (2, 5, 10, 15, 30)
@@ -38,34 +38,6 @@ SHOWN_DIMS = (2, 15, 30)
 ITERATIONS = (10, 20, 40, 70, 150, 300)
 FIGURE_6 = ("happy", "bye")
 """Style and action of the take in Figure 6: the paper shows the happy lamp."""
-
-
-@dataclass(frozen=True, eq=False)
-class Subject:
-    """A character with its pairs; ``style`` (N,) names each key pose's style or capture."""
-
-    character: Character
-    keyposes: KeyPoseSet
-    y: Array
-    z: Array
-    sources: tuple[str, ...]
-    sequence: tuple[str, ...]
-
-
-@lru_cache(maxsize=4)
-def subject(models: Path, name: str) -> Subject:
-    """The character and all its key poses."""
-    character = Character.load(models / f"{name}.xml")
-    keyposes = load_keyposes(keypose_files(models, name), character)
-    y, z = training_pairs(keyposes, character)
-    sources = tuple(pose.source for pose in keyposes.poses)
-    return Subject(character, keyposes, y, z, sources, tuple(map(sequence_of, sources)))
-
-
-def sequence_of(source: str) -> str:
-    """The sequence of a capture: its style for the acted takes, itself for all others."""
-    parts = Path(source).stem.split("_")
-    return parts[2] if parts[0] == "dataset-1" and len(parts) == 4 else Path(source).stem
 
 
 @lru_cache(maxsize=64)

@@ -26,7 +26,7 @@ from physretarget.reproduce.holdout import (
 from physretarget.reproduce.plan import PAPER_TABLE_1, keypose_files, make_plan
 from physretarget.reproduce.store import key_of, load
 from physretarget.reproduce.store import save as keep
-from physretarget.reproduce.studies import sequence_of
+from physretarget.reproduce.subject import sequence_of
 from physretarget.reproduce.tables import verdict
 from physretarget.reproduce.takes import planted
 from physretarget.reproduce.yamane import reproduce_yamane2010
