@@ -18,7 +18,7 @@ from benchmarks.simulations.models import g1_file
 from physretarget.clip import Clip, load_clip
 from physretarget.mjcf import Character
 from physretarget.mjcf.dynamics import lowpass
-from physretarget.validation.rule import Profile
+from physretarget.options.judging import Profile
 
 Array = NDArray[np.float64]
 

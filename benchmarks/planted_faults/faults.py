@@ -24,7 +24,7 @@ from benchmarks.planted_faults.bases import (
 )
 from physretarget.clip import Clip
 from physretarget.mjcf import Character
-from physretarget.validation.rule import Profile
+from physretarget.options.judging import Profile
 
 Array = NDArray[np.float64]
 

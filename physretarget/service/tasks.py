@@ -10,8 +10,7 @@ import os
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 from physretarget import capture
 from physretarget.clip import Clip, load_clip
@@ -34,9 +33,7 @@ from physretarget.sandbox.limits import Limits
 from physretarget.sandbox.mjcf import check_model as check_files
 from physretarget.service.layout import lay_out
 from physretarget.suite.work import artifacts
-from physretarget.validation import Report
-from physretarget.validation.analysis import Analysis
-from physretarget.validation.codes import RULES
+from physretarget.validation import Report, judge_model
 
 Progress = Callable[[float, str], None]
 # What a job's time is spent on, roughly, by its stages.
@@ -154,17 +151,9 @@ def _look(path: Path, fps: float | None, quat: str | None) -> Clip:
 
 
 def _model_findings(character: Character) -> list[dict[str, Any]]:
-    # Rules about the model look at nothing but the model.
-    analysis = cast("Analysis", SimpleNamespace(character=character))
-    found = [
-        finding
-        for rule in RULES
-        if rule.code.startswith("MDL")
-        for finding in rule.check(analysis, {}, rule).findings
-    ]
     return [
         {"code": f.code, "severity": f.severity, "message": f.message, "body": f.body}
-        for f in found[:_FINDINGS]
+        for f in judge_model(character)[:_FINDINGS]
     ]
 
 

@@ -14,7 +14,7 @@ from physretarget.validation.codes import BY_CODE, RULES
 from physretarget.validation.config import Settings, load_settings, settings_of
 from physretarget.validation.report import Coverage, Finding, Measure, Report
 from physretarget.validation.rule import Limit, Rule
-from physretarget.validation.validate import validate, validate_many
+from physretarget.validation.validate import judge_model, validate, validate_many
 
 __all__ = [
     "BY_CODE",
@@ -27,6 +27,7 @@ __all__ = [
     "Rule",
     "Settings",
     "apply_baseline",
+    "judge_model",
     "load_baseline",
     "load_settings",
     "save_baseline",

@@ -20,9 +20,9 @@ from scipy.signal import savgol_filter
 
 from physretarget import kinematics
 from physretarget.ground.undersides import bearing_solids
+from physretarget.kinematics import runs
 from physretarget.mjcf import Character
 from physretarget.validation.evidence import Evidence, Floats
-from physretarget.validation.rule import runs
 
 # How many times too slow (above 1) or too fast a clip is thought to be played: frame rates from 24
 # to 240 for one another.

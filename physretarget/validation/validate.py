@@ -16,12 +16,14 @@ from physretarget.mjcf import Character
 from physretarget.validation import states
 from physretarget.validation.analysis import Analysis, Progress, analyse
 from physretarget.validation.causes import likeliest
+from physretarget.validation.clip_rule import ClipRule
 from physretarget.validation.codes import RULES
 from physretarget.validation.config import Settings
 from physretarget.validation.floating import with_free_root
 from physretarget.validation.grid import MEASURED_HZ
 from physretarget.validation.literature import literature
 from physretarget.validation.measures import measures
+from physretarget.validation.model_rule import ModelRule
 from physretarget.validation.report import (
     Cause,
     ClipFacts,
@@ -34,7 +36,7 @@ from physretarget.validation.report import (
     Status,
     UsedSettings,
 )
-from physretarget.validation.rule import Rule, Verdict
+from physretarget.validation.rule import Judgement, Rule
 from physretarget.validation.series import FrameSeries, Timelines
 from physretarget.validation.simulated import play, simulated_measures
 
@@ -81,15 +83,17 @@ def validate(
     coverage: dict[str, Coverage] = {}
     # Those that explain what others have found come last.
     for rule in sorted(chosen, key=lambda rule: rule.explains is not None):
-        verdict = Verdict()
-        if _asked(rule, findings):
-            verdict = rule.check(analysis, settings.limits_of(rule), rule)
-        reason = verdict.not_covered
+        judgement = Judgement()
+        if isinstance(rule, ModelRule):
+            judgement = rule.check(character)
+        elif isinstance(rule, ClipRule) and _asked(rule, findings):
+            judgement = rule.check(analysis, settings.limits_of(rule), rule)
+        reason = judgement.not_covered
         status: Status = "checked" if reason is None else "not-covered"
         coverage[rule.code] = Coverage(code=rule.code, status=status, reason=reason or "")
         told = settings.severity.get(rule.code)
-        findings += (replace(f, severity=told) if told else f for f in verdict.findings)
-        causes += verdict.causes
+        findings += (replace(f, severity=told) if told else f for f in judgement.findings)
+        causes += judgement.causes
     findings.sort(key=_worst_first)
     return Report(
         tool={"name": "physretarget", "version": __version__},
@@ -104,6 +108,12 @@ def validate(
         series=_timelines(analysis.series),
         forces=_forces(analysis),
     )
+
+
+def judge_model(character: Character) -> tuple[Finding, ...]:
+    """Findings about a model alone, whatever it will be made to do."""
+    rules = (rule for rule in RULES if isinstance(rule, ModelRule))
+    return tuple(finding for rule in rules for finding in rule.check(character).findings)
 
 
 def validate_many(

@@ -25,18 +25,19 @@ A foot that dips 3 cm below the floor at heel strike.
 from __future__ import annotations
 
 from physretarget.validation.analysis import Analysis
+from physretarget.validation.clip_rule import ClipRule, exceeding
 from physretarget.validation.external_contacts import on_slope
-from physretarget.validation.rule import Limit, Limits, Rule, Verdict, exceeding
+from physretarget.validation.rule import Judgement, Limit, Limits
 from physretarget.validation.soft_contact import landing_depth
 
 
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+def check(analysis: Analysis, limits: Limits, rule: ClipRule) -> Judgement:
     """A body sinks into the floor."""
     if slope := on_slope(analysis.character):
-        return Verdict(not_covered=slope)
+        return Judgement(not_covered=slope)
     floor = analysis.series.floor
     if floor is None:
-        return Verdict(not_covered="the model has no contact geometry")
+        return Judgement(not_covered="the model has no contact geometry")
     body = floor.deepest_body
     return exceeding(
         analysis, rule, -floor.deepest - landing_depth(analysis, floor, limits["warning"]),
@@ -46,7 +47,7 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     )  # fmt: skip
 
 
-RULE = Rule(
+RULE = ClipRule(
     code="CON001",
     name="ground-penetration",
     doc=__doc__ or "",

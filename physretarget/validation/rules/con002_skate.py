@@ -26,18 +26,20 @@ A walk whose stance foot drifts forward at 0.2 m/s.
 
 from __future__ import annotations
 
+from physretarget.kinematics import runs
 from physretarget.validation.analysis import Analysis
+from physretarget.validation.clip_rule import ClipRule, most_severe
 from physretarget.validation.external_contacts import on_slope
-from physretarget.validation.rule import Limit, Limits, Rule, Verdict, most_severe, runs
+from physretarget.validation.rule import Judgement, Limit, Limits
 
 
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+def check(analysis: Analysis, limits: Limits, rule: ClipRule) -> Judgement:
     """A loaded foot slides over the floor."""
     if slope := on_slope(analysis.character):
-        return Verdict(not_covered=slope)
+        return Judgement(not_covered=slope)
     skate = analysis.series.skate
     if skate is None:
-        return Verdict(not_covered=analysis.no_forces_because)
+        return Judgement(not_covered=analysis.no_forces_because)
     body, speed = skate.body, skate.free
     found = []
     for first, last in runs(speed > limits["speed"]):
@@ -54,10 +56,10 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
             frame=analysis.clip_frame(worst), time_s=float(analysis.time[worst]), body=name,
             value=slid, limit=limits["error" if severe else "warning"], unit="m",
         ))  # fmt: skip
-    return Verdict(findings=most_severe(found))
+    return Judgement(findings=most_severe(found))
 
 
-RULE = Rule(
+RULE = ClipRule(
     code="CON002",
     name="skate",
     doc=__doc__ or "",

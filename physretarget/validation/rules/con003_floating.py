@@ -21,18 +21,20 @@ A standing clip lifted by 3 cm.
 
 from __future__ import annotations
 
+from physretarget.kinematics import runs
 from physretarget.validation import states
 from physretarget.validation.analysis import Analysis
-from physretarget.validation.rule import Limit, Limits, Rule, Verdict, most_severe, runs
+from physretarget.validation.clip_rule import ClipRule, most_severe
+from physretarget.validation.rule import Judgement, Limit, Limits
 
 
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+def check(analysis: Analysis, limits: Limits, rule: ClipRule) -> Judgement:
     """The body hangs in the air without support."""
     forces = analysis.forces
     if forces is None:
-        return Verdict(not_covered=analysis.no_forces_because)
+        return Judgement(not_covered=analysis.no_forces_because)
     if held := states.held_elsewhere(analysis):
-        return Verdict(not_covered=held)
+        return Judgement(not_covered=held)
     lowest, body = forces.floor.lowest, forces.floor.lowest_body
     vertical = forces.required.force[:, 2]
     found = []
@@ -52,10 +54,10 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
             body=analysis.body_name(body[worst]), value=seconds,
             limit=limits["error" if severe else "warning"], unit="s",
         ))  # fmt: skip
-    return Verdict(findings=most_severe(found))
+    return Judgement(findings=most_severe(found))
 
 
-RULE = Rule(
+RULE = ClipRule(
     code="CON003",
     name="floating",
     doc=__doc__ or "",

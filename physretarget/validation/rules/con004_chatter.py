@@ -24,17 +24,18 @@ import numpy as np
 
 from physretarget.validation import states
 from physretarget.validation.analysis import Analysis
+from physretarget.validation.clip_rule import ClipRule, exceeding
 from physretarget.validation.external_contacts import on_slope
-from physretarget.validation.rule import Limit, Limits, Rule, Verdict, exceeding
+from physretarget.validation.rule import Judgement, Limit, Limits
 
 
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+def check(analysis: Analysis, limits: Limits, rule: ClipRule) -> Judgement:
     """A contact switches on and off."""
     if slope := on_slope(analysis.character):
-        return Verdict(not_covered=slope)
+        return Judgement(not_covered=slope)
     floor = analysis.series.floor
     if floor is None or analysis.frames < 3:
-        return Verdict(not_covered="the model has no contact geometry or the clip no motion")
+        return Judgement(not_covered="the model has no contact geometry or the clip no motion")
     flips = states.chatter(floor, analysis.fps, limits["shortest"])
     # The rate is taken over a second around each frame, or the clip where it is shorter.
     width = int(min(max(round(analysis.fps), 1), analysis.frames))
@@ -45,7 +46,7 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     )  # fmt: skip
 
 
-RULE = Rule(
+RULE = ClipRule(
     code="CON004",
     name="chatter",
     doc=__doc__ or "",

@@ -28,24 +28,26 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from physretarget.kinematics import runs
 from physretarget.validation.analysis import Analysis
+from physretarget.validation.clip_rule import ClipRule, most_severe
 from physretarget.validation.declared import DeclaredContacts, not_declared
 from physretarget.validation.report import Finding
-from physretarget.validation.rule import Limit, Limits, Rule, Verdict, most_severe, runs
+from physretarget.validation.rule import Judgement, Limit, Limits
 
 
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+def check(analysis: Analysis, limits: Limits, rule: ClipRule) -> Judgement:
     """The clip's own contacts and its geometry disagree."""
     declared = analysis.series.declared
     if declared is None:
-        return Verdict(not_covered=not_declared(analysis.clip, analysis.character))
+        return Judgement(not_covered=not_declared(analysis.clip, analysis.character))
     found = _in_the_air(analysis, declared, limits, rule)
     found += _at_rest(analysis, declared.undeclared, limits, rule)
-    return Verdict(findings=most_severe(found))
+    return Judgement(findings=most_severe(found))
 
 
 def _in_the_air(
-    analysis: Analysis, declared: DeclaredContacts, limits: Limits, rule: Rule
+    analysis: Analysis, declared: DeclaredContacts, limits: Limits, rule: ClipRule
 ) -> list[Finding]:
     height = np.nan_to_num(declared.height, nan=-np.inf)
     bodies = declared.body
@@ -70,7 +72,7 @@ def _in_the_air(
 
 
 def _at_rest(
-    analysis: Analysis, bodies: NDArray[np.int64], limits: Limits, rule: Rule
+    analysis: Analysis, bodies: NDArray[np.int64], limits: Limits, rule: ClipRule
 ) -> list[Finding]:
     found = []
     for body in np.unique(bodies[bodies >= 0]):
@@ -93,7 +95,7 @@ def _seconds(analysis: Analysis, first: int, last: int) -> float:
     return (last - first + 1) / max(analysis.fps, 1e-9)
 
 
-RULE = Rule(
+RULE = ClipRule(
     code="CON005",
     name="declared-contacts",
     doc=__doc__ or "",

@@ -28,20 +28,21 @@ import numpy as np
 
 from physretarget.options.judging import Severity
 from physretarget.validation.analysis import Analysis
+from physretarget.validation.clip_rule import ClipRule
 from physretarget.validation.report import Cause, Finding
-from physretarget.validation.rule import Limit, Limits, Rule, Verdict
+from physretarget.validation.rule import Judgement, Limit, Limits
 from physretarget.validation.stance import sole_tilts
 
 _AXES = ("roll", "pitch")
 
 
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+def check(analysis: Analysis, limits: Limits, rule: ClipRule) -> Judgement:
     """The soles stand tilted on the floor."""
     if not analysis.has_geometry:
-        return Verdict(not_covered="the model has no geometry that could stand on the floor")
+        return Judgement(not_covered="the model has no geometry that could stand on the floor")
     tilts = sole_tilts(analysis.character, analysis.evidence, analysis.probe)
     if tilts is None:
-        return Verdict(not_covered="no body of the model stands on a flat sole")
+        return Judgement(not_covered="no body of the model stands on a flat sole")
     found: list[Finding] = []
     causes: list[Cause] = []
     for tilt in tilts:
@@ -65,10 +66,10 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
         causes.append(Cause(code=rule.code, message=message, remedy=remedy,
                             value=float(np.rad2deg(size))))  # fmt: skip
     causes.sort(key=lambda cause: -(cause.value or 0.0))
-    return Verdict(findings=tuple(found), causes=tuple(causes[:1]))
+    return Judgement(findings=tuple(found), causes=tuple(causes[:1]))
 
 
-RULE = Rule(
+RULE = ClipRule(
     code="CON006",
     name="foot-flatness",
     doc=__doc__ or "",

@@ -26,26 +26,27 @@ from __future__ import annotations
 import numpy as np
 
 from physretarget.validation.analysis import Analysis
+from physretarget.validation.clip_rule import ClipRule
 from physretarget.validation.report import Cause
-from physretarget.validation.rule import Limit, Limits, Rule, Verdict
+from physretarget.validation.rule import Judgement, Limit, Limits
 
 _LOWEST, _LOW = 0.05, 0.3
 
 
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+def check(analysis: Analysis, limits: Limits, rule: ClipRule) -> Judgement:
     """The whole clip stands above the floor, or in it, by one height."""
     if not analysis.character.has_root:
-        return Verdict(not_covered=analysis.no_forces_because)
+        return Judgement(not_covered=analysis.no_forces_because)
     if not analysis.has_geometry:
-        return Verdict(not_covered="the model has no geometry that could stand on the floor")
+        return Judgement(not_covered="the model has no geometry that could stand on the floor")
     lowest, low = np.quantile(analysis.evidence.lowest, [_LOWEST, _LOW])
     limit = max(analysis.tolerance, limits["least"])
     if not np.isfinite(low) or abs(low) <= limit or low - lowest > limits["spread"] * abs(low):
-        return Verdict()
+        return Judgement()
     way = "above the floor" if low > 0 else "in the floor"
     message = f"the whole clip stands {1e3 * abs(low):.3g} mm {way}"
     remedy = f"{'Lower' if low > 0 else 'Raise'} the root by {1e3 * abs(low):.3g} mm in all frames"
-    return Verdict(
+    return Judgement(
         findings=(rule.finding(
             severity="warning", message=f"{message}. {remedy}", value=float(low),
             limit=float(np.copysign(limit, low)), unit="m",
@@ -54,7 +55,7 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     )  # fmt: skip
 
 
-RULE = Rule(
+RULE = ClipRule(
     code="CON007",
     name="height-offset",
     doc=__doc__ or "",

@@ -22,20 +22,21 @@ A 30 Hz clip with one frame cut out: one step of 67 ms among steps of 33 ms.
 from __future__ import annotations
 
 from physretarget.validation.analysis import Analysis
-from physretarget.validation.rule import Limit, Limits, Rule, Verdict
+from physretarget.validation.clip_rule import ClipRule
+from physretarget.validation.rule import Judgement, Limit, Limits
 
 
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+def check(analysis: Analysis, limits: Limits, rule: ClipRule) -> Judgement:
     """Frames are not evenly spaced in time."""
     if len(analysis.uneven) == 0:
-        return Verdict()
+        return Judgement()
     worst = int(analysis.uneven.argmax())
     value = float(analysis.uneven[worst])
     if value <= limits["jitter"]:
-        return Verdict()
+        return Judgement()
     severe = value > limits["gap"]
     limit = limits["gap"] if severe else limits["jitter"]
-    return Verdict(findings=(rule.finding(
+    return Judgement(findings=(rule.finding(
         severity="error" if severe else "warning",
         message=f"the step to this frame is {value:.0%} off the mean step (limit {limit:.0%})",
         frame_first=worst + 1, frame_last=worst + 1, frame=worst + 1,
@@ -43,7 +44,7 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     ),))  # fmt: skip
 
 
-RULE = Rule(
+RULE = ClipRule(
     code="DAT001",
     name="uneven-time",
     doc=__doc__ or "",

@@ -22,22 +22,23 @@ A clip keyed at 12 frames per second.
 from __future__ import annotations
 
 from physretarget.validation.analysis import Analysis
-from physretarget.validation.rule import Limit, Limits, Rule, Verdict
+from physretarget.validation.clip_rule import ClipRule
+from physretarget.validation.rule import Judgement, Limit, Limits
 
 
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+def check(analysis: Analysis, limits: Limits, rule: ClipRule) -> Judgement:
     """Too few frames per second to judge accelerations."""
     if analysis.frames < 2:
-        return Verdict(not_covered="a single frame has no rate")
+        return Judgement(not_covered="a single frame has no rate")
     if analysis.fps >= limits["fps"]:
-        return Verdict()
-    return Verdict(findings=(rule.finding(
+        return Judgement()
+    return Judgement(findings=(rule.finding(
         severity="warning", value=analysis.fps, limit=limits["fps"], unit="1/s",
         message=f"{analysis.fps:.3g} frames per second, forces need at least {limits['fps']:g}",
     ),))  # fmt: skip
 
 
-RULE = Rule(
+RULE = ClipRule(
     code="DAT002",
     name="low-frame-rate",
     doc=__doc__ or "",

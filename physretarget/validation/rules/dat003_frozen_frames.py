@@ -26,18 +26,20 @@ from __future__ import annotations
 
 import numpy as np
 
+from physretarget.kinematics import runs
 from physretarget.validation.analysis import Analysis
+from physretarget.validation.clip_rule import ClipRule, most_severe
 from physretarget.validation.report import Cause, Finding
-from physretarget.validation.rule import Limit, Limits, Rule, Verdict, most_severe, runs
+from physretarget.validation.rule import Judgement, Limit, Limits
 
 # Repeats are a rhythm where this share of the gaps between them are equal.
 _RHYTHM = 0.8
 
 
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+def check(analysis: Analysis, limits: Limits, rule: ClipRule) -> Judgement:
     """Frames repeat in the middle of motion."""
     if analysis.frames < 4:
-        return Verdict(not_covered="too few frames")
+        return Judgement(not_covered="too few frames")
     single = _single(analysis, limits, rule)
     causes = tuple(
         Cause(code=rule.code, message=what, remedy=remedy, value=f.value)
@@ -45,12 +47,12 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
         if f.severity == "error"
         for what, _, remedy in (f.message.partition(". "),)
     )
-    return Verdict(
+    return Judgement(
         findings=most_severe([*_stretches(analysis, limits, rule), *single]), causes=causes
     )
 
 
-def _stretches(analysis: Analysis, limits: Limits, rule: Rule) -> list[Finding]:
+def _stretches(analysis: Analysis, limits: Limits, rule: ClipRule) -> list[Finding]:
     step = analysis.continuity.step
     found = []
     for first, last in runs(step <= limits["still"]):
@@ -70,7 +72,7 @@ def _stretches(analysis: Analysis, limits: Limits, rule: Rule) -> list[Finding]:
     return found
 
 
-def _single(analysis: Analysis, limits: Limits, rule: Rule) -> list[Finding]:
+def _single(analysis: Analysis, limits: Limits, rule: ClipRule) -> list[Finding]:
     at = np.flatnonzero(analysis.continuity.repeats) + 1
     if len(at) == 0:
         return []
@@ -92,7 +94,7 @@ def _single(analysis: Analysis, limits: Limits, rule: Rule) -> list[Finding]:
     )]  # fmt: skip
 
 
-RULE = Rule(
+RULE = ClipRule(
     code="DAT003",
     name="frozen-frames",
     doc=__doc__ or "",

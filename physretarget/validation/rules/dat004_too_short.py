@@ -22,25 +22,26 @@ A single pose saved as a clip.
 from __future__ import annotations
 
 from physretarget.validation.analysis import Analysis
-from physretarget.validation.rule import Limit, Limits, Rule, Verdict
+from physretarget.validation.clip_rule import ClipRule
+from physretarget.validation.rule import Judgement, Limit, Limits
 
 
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+def check(analysis: Analysis, limits: Limits, rule: ClipRule) -> Judgement:
     """The clip is too short for accelerations."""
     if analysis.frames < limits["frames"]:
-        return Verdict(findings=(rule.finding(
+        return Judgement(findings=(rule.finding(
             severity="warning", value=float(analysis.frames), limit=limits["frames"],
             unit="frames", message=f"{analysis.frames} frames: no accelerations can be taken",
         ),))  # fmt: skip
     if analysis.clip.duration < limits["seconds"]:
-        return Verdict(findings=(rule.finding(
+        return Judgement(findings=(rule.finding(
             severity="warning", value=analysis.clip.duration, limit=limits["seconds"], unit="s",
             message=f"the clip lasts {analysis.clip.duration:.3g} s",
         ),))  # fmt: skip
-    return Verdict()
+    return Judgement()
 
 
-RULE = Rule(
+RULE = ClipRule(
     code="DAT004",
     name="too-short",
     doc=__doc__ or "",

@@ -28,21 +28,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget.validation.analysis import Analysis
+from physretarget.validation.clip_rule import ClipRule
 from physretarget.validation.misreading import misread
 from physretarget.validation.report import Cause
-from physretarget.validation.rule import Limit, Limits, Rule, Verdict
+from physretarget.validation.rule import Judgement, Limit, Limits
 
 _BLOCK = 4096
 _MILLIMETRES = 100.0  # character's heights from which millimetres are the likelier reading
 
 
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+def check(analysis: Analysis, limits: Limits, rule: ClipRule) -> Judgement:
     """The root's position is in another unit than metres."""
     character = analysis.character
     if not character.has_root:
-        return Verdict(not_covered="the model has no free joint: its base is held by the world")
+        return Judgement(not_covered="the model has no free joint: its base is held by the world")
     if character.height <= 0:
-        return Verdict(not_covered="the model has no geometry, hence no height")
+        return Judgement(not_covered="the model has no geometry, hence no height")
     median = float(np.median(_heights(analysis)))
     ratio = median / character.height
     if ratio <= limits["warning"]:
@@ -62,7 +63,7 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
         code=rule.code, message=f"the root's position is in {unit}: {message}",
         remedy=f"Read it with --unit {short}", value=ratio,
     )  # fmt: skip
-    return Verdict(findings=(found,), causes=(cause,))
+    return Judgement(findings=(found,), causes=(cause,))
 
 
 def _heights(analysis: Analysis) -> NDArray[np.float64]:
@@ -76,7 +77,7 @@ def _heights(analysis: Analysis) -> NDArray[np.float64]:
     return above
 
 
-RULE = Rule(
+RULE = ClipRule(
     code="DAT006",
     name="other-unit",
     doc=__doc__ or "",

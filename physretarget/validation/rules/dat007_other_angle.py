@@ -27,27 +27,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget.validation.analysis import Analysis
+from physretarget.validation.clip_rule import ClipRule
 from physretarget.validation.report import Cause
-from physretarget.validation.rule import Limit, Limits, Rule, Verdict
+from physretarget.validation.rule import Judgement, Limit, Limits
 
 _BLOCK = 4096
 _ENDLESS = 4 * np.pi
 _AS_DEGREES = 0.02
 
 
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+def check(analysis: Analysis, limits: Limits, rule: ClipRule) -> Judgement:
     """The joints' angles are in degrees instead of radians."""
     hinges = [joint.qpos for joint in analysis.character.tree.joints if joint.kind == "hinge"]
     if not hinges:
-        return Verdict(not_covered="the model has no hinge")
+        return Judgement(not_covered="the model has no hinge")
     given, turned = _beyond(analysis, np.array(hinges), limits["beyond"])
     if given < limits["share"] or turned > _AS_DEGREES:
-        return Verdict()
+        return Judgement()
     cause = Cause(
         code=rule.code, message="the joints' angles are in degrees",
         remedy="Multiply them by pi/180: a clip is in radians", value=given,
     )  # fmt: skip
-    return Verdict(causes=(cause,), findings=(rule.finding(
+    return Judgement(causes=(cause,), findings=(rule.finding(
         severity="error",
         message=f"{given:.0%} of all hinge angles are far beyond their range, read as degrees "
         f"{turned:.0%}: if they are in degrees, multiply them by pi/180, a clip is in radians",
@@ -70,7 +71,7 @@ def _beyond(analysis: Analysis, hinges: NDArray[np.int64], far: float) -> tuple[
     return given / every, turned / every
 
 
-RULE = Rule(
+RULE = ClipRule(
     code="DAT007",
     name="other-angle",
     doc=__doc__ or "",

@@ -26,18 +26,19 @@ from __future__ import annotations
 import numpy as np
 
 from physretarget.validation.analysis import Analysis
+from physretarget.validation.clip_rule import ClipRule
 from physretarget.validation.report import Cause
-from physretarget.validation.rule import Limit, Limits, Rule, Verdict
+from physretarget.validation.rule import Judgement, Limit, Limits
 
 
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+def check(analysis: Analysis, limits: Limits, rule: ClipRule) -> Judgement:
     """Frames are missing though the clip's time goes on evenly."""
     seen = analysis.continuity
     if seen.frames < 6:
-        return Verdict(not_covered="needs at least six frames")
+        return Judgement(not_covered="needs at least six frames")
     at = np.flatnonzero(seen.skipped > 0)
     if len(at) == 0:
-        return Verdict()
+        return Judgement()
     missing = int(seen.skipped[at].sum())
     severe = len(at) >= limits["places"]
     where = "once" if len(at) == 1 else f"in {len(at)} places"
@@ -48,7 +49,7 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     )
     remedy = "Give the clip its true times, or fill in the missing frames"
     cause = Cause(code=rule.code, message=message, remedy=remedy, value=float(missing))
-    return Verdict(causes=(cause,) if severe else (), findings=(rule.finding(
+    return Judgement(causes=(cause,) if severe else (), findings=(rule.finding(
         severity="error" if severe else "warning", message=f"{message}. {remedy}",
         frame_first=analysis.clip_frame(frame - 1), frame_last=analysis.clip_frame(int(at[-1]) + 1),
         frame=analysis.clip_frame(frame), time_s=float(analysis.time[frame]),
@@ -56,7 +57,7 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     ),))  # fmt: skip
 
 
-RULE = Rule(
+RULE = ClipRule(
     code="DAT008",
     name="dropped-frames",
     doc=__doc__ or "",

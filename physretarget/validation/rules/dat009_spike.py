@@ -28,8 +28,9 @@ from __future__ import annotations
 import numpy as np
 
 from physretarget.validation.analysis import Analysis
+from physretarget.validation.clip_rule import ClipRule, dof_names, most_severe
 from physretarget.validation.report import Finding
-from physretarget.validation.rule import Limit, Limits, Rule, Verdict, dof_names, most_severe
+from physretarget.validation.rule import Judgement, Limit, Limits
 from physretarget.validation.steps import Kind, stands_out
 
 _KINDS = (
@@ -39,11 +40,11 @@ _KINDS = (
 )
 
 
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+def check(analysis: Analysis, limits: Limits, rule: ClipRule) -> Judgement:
     """One frame lies off its neighbours."""
     seen = analysis.continuity
     if seen.frames < 5:
-        return Verdict(not_covered="needs at least five frames")
+        return Judgement(not_covered="needs at least five frames")
     names = dof_names(analysis)
     paced = np.r_[False, seen.paced] | np.r_[seen.paced, False]
     found: list[Finding] = []
@@ -63,10 +64,10 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
                 body=joint if kind.name == "joint" else None, value=value, limit=limit,
                 unit=kind.unit,
             ))  # fmt: skip
-    return Verdict(findings=most_severe(found))
+    return Judgement(findings=most_severe(found))
 
 
-RULE = Rule(
+RULE = ClipRule(
     code="DAT009",
     name="spike",
     doc=__doc__ or "",

@@ -26,15 +26,16 @@ An npz from Isaac Lab, whose quaternions are wxyz, written by a script that had 
 from __future__ import annotations
 
 from physretarget.validation.analysis import Analysis
+from physretarget.validation.clip_rule import ClipRule
 from physretarget.validation.misreading import misread
-from physretarget.validation.rule import Limits, Rule, Verdict
+from physretarget.validation.rule import Judgement, Limits
 
 
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+def check(analysis: Analysis, limits: Limits, rule: ClipRule) -> Judgement:
     """The root's quaternions are in another order than they were read in."""
     return misread(analysis, rule, "quaternion")
 
 
-RULE = Rule(
+RULE = ClipRule(
     code="DAT010", name="quaternion-order", doc=__doc__ or "", check=check, explains="errors"
 )

@@ -25,13 +25,16 @@ A policy's rollout saved as a bare qpos array in the simulator's own order.
 from __future__ import annotations
 
 from physretarget.validation.analysis import Analysis
+from physretarget.validation.clip_rule import ClipRule
 from physretarget.validation.misreading import misread
-from physretarget.validation.rule import Limits, Rule, Verdict
+from physretarget.validation.rule import Judgement, Limits
 
 
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+def check(analysis: Analysis, limits: Limits, rule: ClipRule) -> Judgement:
     """The joints are in another order than the model's."""
     return misread(analysis, rule, "joints")
 
 
-RULE = Rule(code="DAT011", name="joint-order", doc=__doc__ or "", check=check, explains="errors")
+RULE = ClipRule(
+    code="DAT011", name="joint-order", doc=__doc__ or "", check=check, explains="errors"
+)

@@ -27,8 +27,9 @@ A capture of 120 frames/s read with --fps 30.
 from __future__ import annotations
 
 from physretarget.validation.analysis import Analysis
+from physretarget.validation.clip_rule import ClipRule
 from physretarget.validation.report import Cause
-from physretarget.validation.rule import Limit, Limits, Rule, Verdict
+from physretarget.validation.rule import Judgement, Limit, Limits
 from physretarget.validation.timing import LEISURE, cadence, timing
 
 _RATES = (24.0, 25.0, 30.0, 50.0, 60.0, 100.0, 120.0, 200.0, 240.0, 250.0, 500.0)
@@ -36,23 +37,23 @@ _NEAR = 0.12  # a rate as near as that to one in use is that one
 _SHORTEST, _LONGEST = 0.4, 1.2  # leg lengths of a walker's step
 
 
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+def check(analysis: Analysis, limits: Limits, rule: ClipRule) -> Judgement:
     """The clip is played at another speed than it was recorded at."""
     if analysis.frames < 14:
-        return Verdict(not_covered="needs at least 14 frames")
+        return Judgement(not_covered="needs at least 14 frames")
     if not analysis.character.has_root:
-        return Verdict(not_covered=analysis.no_forces_because)
+        return Judgement(not_covered=analysis.no_forces_because)
     if not analysis.has_geometry:
-        return Verdict(not_covered="the model has no geometry that could stand on the floor")
+        return Judgement(not_covered="the model has no geometry that could stand on the floor")
     factor, why = _factor(analysis, limits)
     if factor is None:
-        return Verdict()
+        return Judgement()
     true = analysis.fps * factor
     nearest = min(_RATES, key=lambda rate: abs(rate / true - 1))
     rate = nearest if abs(nearest / true - 1) < _NEAR else round(true, 1)
     message = f"the clip runs at {analysis.fps:.4g} frames/s, and {why} ask for about {rate:.4g}"
     remedy = f"Read it with --fps {rate:.4g}, or correct its times"
-    return Verdict(
+    return Judgement(
         findings=(rule.finding(
             severity="error", message=f"{message}. {remedy}", value=analysis.fps, limit=rate,
             unit="1/s",
@@ -81,7 +82,7 @@ def _factor(analysis: Analysis, limits: Limits) -> tuple[float | None, str]:
     return None, ""
 
 
-RULE = Rule(
+RULE = ClipRule(
     code="DAT012",
     name="frame-rate",
     doc=__doc__ or "",

@@ -23,13 +23,14 @@ A root track exported from Maya with its y-up axes.
 from __future__ import annotations
 
 from physretarget.validation.analysis import Analysis
+from physretarget.validation.clip_rule import ClipRule
 from physretarget.validation.misreading import misread
-from physretarget.validation.rule import Limits, Rule, Verdict
+from physretarget.validation.rule import Judgement, Limits
 
 
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+def check(analysis: Analysis, limits: Limits, rule: ClipRule) -> Judgement:
     """Another axis than z points up."""
     return misread(analysis, rule, "up")
 
 
-RULE = Rule(code="DAT013", name="up-axis", doc=__doc__ or "", check=check, explains="errors")
+RULE = ClipRule(code="DAT013", name="up-axis", doc=__doc__ or "", check=check, explains="errors")

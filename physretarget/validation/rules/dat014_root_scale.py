@@ -25,24 +25,25 @@ Joint angles of a person on a robot two thirds as tall, with the person's root p
 from __future__ import annotations
 
 from physretarget.validation.analysis import Analysis
+from physretarget.validation.clip_rule import ClipRule
 from physretarget.validation.report import Cause
-from physretarget.validation.rule import Limit, Limits, Rule, Verdict
+from physretarget.validation.rule import Judgement, Limit, Limits
 from physretarget.validation.stance import root_scale
 
 
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+def check(analysis: Analysis, limits: Limits, rule: ClipRule) -> Judgement:
     """The root travels further, or less far, than its legs carry it."""
     if not analysis.character.has_root:
-        return Verdict(not_covered=analysis.no_forces_because)
+        return Judgement(not_covered=analysis.no_forces_because)
     if not analysis.has_geometry:
-        return Verdict(not_covered="the model has no geometry that could stand on the floor")
+        return Judgement(not_covered="the model has no geometry that could stand on the floor")
     scale = root_scale(analysis.evidence)
     if scale is None or max(scale, 1 / scale) < 1 + limits["scale"]:
-        return Verdict()
+        return Judgement()
     off = f"{abs(scale - 1):.0%} too {'far' if scale > 1 else 'short'}"
     message = f"the root travels {off} for its steps, by a factor of {scale:.3g}"
     remedy = f"Divide the root's positions by {scale:.3g}"
-    return Verdict(
+    return Judgement(
         findings=(rule.finding(
             severity="warning", message=f"{message}. {remedy}", value=scale,
             limit=1 + limits["scale"], unit="1",
@@ -51,7 +52,7 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     )  # fmt: skip
 
 
-RULE = Rule(
+RULE = ClipRule(
     code="DAT014",
     name="root-scale",
     doc=__doc__ or "",

@@ -26,18 +26,19 @@ from __future__ import annotations
 import numpy as np
 
 from physretarget.validation.analysis import Analysis
+from physretarget.validation.clip_rule import ClipRule
 from physretarget.validation.report import Cause
-from physretarget.validation.rule import Limit, Limits, Rule, Verdict
+from physretarget.validation.rule import Judgement, Limit, Limits
 
 # Cuts that are named.
 _MOST = 10
 
 
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+def check(analysis: Analysis, limits: Limits, rule: ClipRule) -> Judgement:
     """Two clips are joined without a transition."""
     seen = analysis.continuity
     if seen.frames < 4:
-        return Verdict(not_covered="needs at least four frames")
+        return Judgement(not_covered="needs at least four frames")
     whole = (
         (seen.jump_pose > limits["pose"])
         & (seen.jumping >= limits["joints"])
@@ -45,11 +46,11 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     )
     cuts = np.flatnonzero(whole & ~seen.paced)[:_MOST] + 1
     if len(cuts) == 0:
-        return Verdict()
+        return Judgement()
     frames = ", ".join(str(analysis.clip_frame(int(c))) for c in cuts)
     message = f"the whole pose jumps into frame {frames}: a hard cut"
     remedy = "Split the clip there, or blend over half a second"
-    return Verdict(
+    return Judgement(
         findings=tuple(rule.finding(
             severity="error", message="the whole pose jumps into this frame: a hard cut. " + remedy,
             frame_first=analysis.clip_frame(int(cut) - 1), frame_last=analysis.clip_frame(int(cut)),
@@ -60,7 +61,7 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     )  # fmt: skip
 
 
-RULE = Rule(
+RULE = ClipRule(
     code="DAT015",
     name="hard-cut",
     doc=__doc__ or "",

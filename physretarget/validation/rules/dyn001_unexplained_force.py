@@ -29,16 +29,17 @@ import numpy as np
 
 from physretarget.validation import states
 from physretarget.validation.analysis import Analysis
-from physretarget.validation.rule import Limit, Limits, Rule, Verdict, exceeding
+from physretarget.validation.clip_rule import ClipRule, exceeding
+from physretarget.validation.rule import Judgement, Limit, Limits
 
 
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+def check(analysis: Analysis, limits: Limits, rule: ClipRule) -> Judgement:
     """No contact force explains the motion."""
     forces = analysis.forces
     if forces is None:
-        return Verdict(not_covered=analysis.no_forces_because)
+        return Judgement(not_covered=analysis.no_forces_because)
     if held := states.held_elsewhere(analysis):
-        return Verdict(not_covered=held)
+        return Judgement(not_covered=held)
     unjudged = states.flight(forces) | ~states.known(analysis)
     series = np.where(unjudged, np.nan, forces.residual.force)
     return exceeding(
@@ -47,7 +48,7 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     )  # fmt: skip
 
 
-RULE = Rule(
+RULE = ClipRule(
     code="DYN001",
     name="unexplained-force",
     doc=__doc__ or "",

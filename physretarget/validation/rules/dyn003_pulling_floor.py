@@ -25,16 +25,17 @@ import numpy as np
 
 from physretarget.validation import states
 from physretarget.validation.analysis import Analysis
-from physretarget.validation.rule import Limit, Limits, Rule, Verdict, exceeding
+from physretarget.validation.clip_rule import ClipRule, exceeding
+from physretarget.validation.rule import Judgement, Limit, Limits
 
 
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+def check(analysis: Analysis, limits: Limits, rule: ClipRule) -> Judgement:
     """The floor would have to pull."""
     required, pushes = analysis.series.required, analysis.series.pushes
     if required is None or pushes is None:
-        return Verdict(not_covered=analysis.no_forces_because)
+        return Judgement(not_covered=analysis.no_forces_because)
     if held := states.held_elsewhere(analysis):
-        return Verdict(not_covered=held)
+        return Judgement(not_covered=held)
     pull = pushes.ringing - required.force[:, 2]
     return exceeding(
         analysis, rule, np.where(states.known(analysis), pull, np.nan), warning=limits["warning"],
@@ -43,7 +44,7 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     )  # fmt: skip
 
 
-RULE = Rule(
+RULE = ClipRule(
     code="DYN003",
     name="pulling-floor",
     doc=__doc__ or "",

@@ -31,16 +31,17 @@ from scipy.ndimage import grey_opening
 
 from physretarget.validation import states
 from physretarget.validation.analysis import Analysis
-from physretarget.validation.rule import Limit, Limits, Rule, Verdict, exceeding
+from physretarget.validation.clip_rule import ClipRule, exceeding
+from physretarget.validation.rule import Judgement, Limit, Limits
 
 
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+def check(analysis: Analysis, limits: Limits, rule: ClipRule) -> Judgement:
     """The centre of pressure stays outside the support."""
     forces = analysis.forces
     if forces is None:
-        return Verdict(not_covered=analysis.no_forces_because)
+        return Judgement(not_covered=analysis.no_forces_because)
     if held := states.held_elsewhere(analysis):
-        return Verdict(not_covered=held)
+        return Judgement(not_covered=held)
     outside = np.nan_to_num(forces.residual.cop_outside)
     outside = np.where(states.known(analysis), outside, 0.0)
     character = analysis.character
@@ -57,7 +58,7 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     )  # fmt: skip
 
 
-RULE = Rule(
+RULE = ClipRule(
     code="DYN005",
     name="centre-of-pressure",
     doc=__doc__ or "",

@@ -26,19 +26,20 @@ import numpy as np
 
 from physretarget.validation import states
 from physretarget.validation.analysis import Analysis
-from physretarget.validation.rule import Limit, Limits, Rule, Verdict, exceeding
+from physretarget.validation.clip_rule import ClipRule, exceeding
+from physretarget.validation.rule import Judgement, Limit, Limits
 
 
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+def check(analysis: Analysis, limits: Limits, rule: ClipRule) -> Judgement:
     """In the air the centre of mass does not fall freely."""
     forces = analysis.forces
     if forces is None:
-        return Verdict(not_covered=analysis.no_forces_because)
+        return Judgement(not_covered=analysis.no_forces_because)
     if held := states.held_elsewhere(analysis):
-        return Verdict(not_covered=held)
+        return Judgement(not_covered=held)
     judged = states.free_flight(analysis, forces)
     if short := states.too_short(analysis, forces):
-        return Verdict(not_covered=short)
+        return Judgement(not_covered=short)
     error = states.flight_error(analysis, forces)
     return exceeding(
         analysis, rule, np.where(judged, error, np.nan), warning=limits["warning"],
@@ -47,7 +48,7 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     )  # fmt: skip
 
 
-RULE = Rule(
+RULE = ClipRule(
     code="DYN006",
     name="flight-not-ballistic",
     doc=__doc__ or "",

@@ -25,18 +25,19 @@ import numpy as np
 
 from physretarget.validation import states
 from physretarget.validation.analysis import Analysis
-from physretarget.validation.rule import Limit, Limits, Rule, Verdict, exceeding
+from physretarget.validation.clip_rule import ClipRule, exceeding
+from physretarget.validation.rule import Judgement, Limit, Limits
 
 
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+def check(analysis: Analysis, limits: Limits, rule: ClipRule) -> Judgement:
     """In the air the angular momentum changes."""
     forces = analysis.forces
     if forces is None:
-        return Verdict(not_covered=analysis.no_forces_because)
+        return Judgement(not_covered=analysis.no_forces_because)
     if held := states.held_elsewhere(analysis):
-        return Verdict(not_covered=held)
+        return Judgement(not_covered=held)
     if short := states.too_short(analysis, forces):
-        return Verdict(not_covered=short)
+        return Judgement(not_covered=short)
     judged = states.free_flight(analysis, forces)
     moment = states.flight_moment(forces)
     return exceeding(
@@ -46,7 +47,7 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     )  # fmt: skip
 
 
-RULE = Rule(
+RULE = ClipRule(
     code="DYN007",
     name="flight-spin",
     doc=__doc__ or "",

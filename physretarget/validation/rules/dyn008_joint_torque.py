@@ -25,15 +25,16 @@ A one-legged squat of a robot with weak knees.
 from __future__ import annotations
 
 from physretarget.validation.analysis import Analysis
-from physretarget.validation.rule import Limit, Limits, Rule, Verdict, dof_names, exceeding
+from physretarget.validation.clip_rule import ClipRule, dof_names, exceeding
+from physretarget.validation.rule import Judgement, Limit, Limits
 
 
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+def check(analysis: Analysis, limits: Limits, rule: ClipRule) -> Judgement:
     """A joint needs more torque than its motor has."""
     torque = analysis.series.torque
     if torque is None:
         limited = analysis.work.torque is not None
-        return Verdict(not_covered=(
+        return Judgement(not_covered=(
             analysis.no_forces_because if limited else "no joint of the model has a torque limit"
         ))  # fmt: skip
     names = dof_names(analysis)
@@ -46,7 +47,7 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     )  # fmt: skip
 
 
-RULE = Rule(
+RULE = ClipRule(
     code="DYN008",
     name="joint-torque",
     doc=__doc__ or "",

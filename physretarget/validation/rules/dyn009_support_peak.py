@@ -23,14 +23,15 @@ from __future__ import annotations
 import numpy as np
 
 from physretarget.validation.analysis import Analysis
-from physretarget.validation.rule import Limit, Limits, Rule, Verdict, exceeding
+from physretarget.validation.clip_rule import ClipRule, exceeding
+from physretarget.validation.rule import Judgement, Limit, Limits
 
 
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+def check(analysis: Analysis, limits: Limits, rule: ClipRule) -> Judgement:
     """The floor would have to push harder than in any landing."""
     required = analysis.series.required
     if required is None:
-        return Verdict(not_covered=analysis.no_forces_because)
+        return Judgement(not_covered=analysis.no_forces_because)
     return exceeding(
         analysis, rule, required.force[:, 2], warning=limits["warning"],
         error=np.inf, unit="BW",
@@ -38,7 +39,7 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     )  # fmt: skip
 
 
-RULE = Rule(
+RULE = ClipRule(
     code="DYN009",
     name="support-peak",
     doc=__doc__ or "",

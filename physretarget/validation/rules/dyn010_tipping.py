@@ -27,21 +27,22 @@ from __future__ import annotations
 import numpy as np
 
 from physretarget.validation.analysis import Analysis
-from physretarget.validation.rule import Limit, Limits, Rule, Verdict, exceeding
+from physretarget.validation.clip_rule import ClipRule, exceeding
+from physretarget.validation.rule import Judgement, Limit, Limits
 from physretarget.validation.standing import has_base, tip_margin
 
 
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+def check(analysis: Analysis, limits: Limits, rule: ClipRule) -> Judgement:
     """A base that only stands on its floor tips over."""
     if not analysis.stands:
-        return Verdict(not_covered="only for models fixed to the world, with --stands")
+        return Judgement(not_covered="only for models fixed to the world, with --stands")
     # At 30 instants a second, as the measures are taken: one number for one thing.
     seen = analysis.measured
     forces = seen.forces
     if forces is None:
-        return Verdict(not_covered=analysis.no_forces_because)
+        return Judgement(not_covered=analysis.no_forces_because)
     if not has_base(analysis):
-        return Verdict(not_covered="no geometry of the base is on the floor")
+        return Judgement(not_covered="no geometry of the base is on the floor")
     margin = 1e3 * tip_margin(seen, forces.required)
     share = forces.required.force[:, 2] / (1e3 * max(seen.character.com_height, 1e-3))
     lowest = float(np.nanmin(margin * share)) if np.isfinite(margin).any() else 0.0
@@ -54,7 +55,7 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     )  # fmt: skip
 
 
-RULE = Rule(
+RULE = ClipRule(
     code="DYN010",
     name="tipping",
     doc=__doc__ or "",

@@ -23,14 +23,15 @@ from __future__ import annotations
 import numpy as np
 
 from physretarget.validation.analysis import Analysis
-from physretarget.validation.rule import Limit, Limits, Rule, Verdict, exceeding
+from physretarget.validation.clip_rule import ClipRule, exceeding
+from physretarget.validation.rule import Judgement, Limit, Limits
 
 
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+def check(analysis: Analysis, limits: Limits, rule: ClipRule) -> Judgement:
     """A joint leaves its range."""
     beyond = analysis.series.limit_excess
     if beyond is None:
-        return Verdict(not_covered="no joint of the model has a range")
+        return Judgement(not_covered="no joint of the model has a range")
     joints = analysis.character.tree.joints
     address = np.array([j.qpos for j in joints])
     worst = beyond.coordinate
@@ -46,7 +47,7 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     )  # fmt: skip
 
 
-RULE = Rule(
+RULE = ClipRule(
     code="KIN001",
     name="joint-limit",
     doc=__doc__ or "",

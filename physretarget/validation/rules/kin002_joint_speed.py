@@ -22,14 +22,15 @@ An elbow that flips by 180 degrees within one frame at 30 Hz: 94 rad/s.
 from __future__ import annotations
 
 from physretarget.validation.analysis import Analysis
-from physretarget.validation.rule import Limit, Limits, Rule, Verdict, dof_names, exceeding
+from physretarget.validation.clip_rule import ClipRule, dof_names, exceeding
+from physretarget.validation.rule import Judgement, Limit, Limits
 
 
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+def check(analysis: Analysis, limits: Limits, rule: ClipRule) -> Judgement:
     """A joint turns faster than bodies and motors do."""
     fastest = analysis.series.joint_speed
     if fastest is None:
-        return Verdict(not_covered="the model has no hinge or slide joint")
+        return Judgement(not_covered="the model has no hinge or slide joint")
     names = dof_names(analysis)
     worst = fastest.dof
     return exceeding(
@@ -39,7 +40,7 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     )  # fmt: skip
 
 
-RULE = Rule(
+RULE = ClipRule(
     code="KIN002",
     name="joint-speed",
     doc=__doc__ or "",

@@ -32,15 +32,16 @@ import numpy as np
 
 from physretarget.options.judging import Severity
 from physretarget.validation.analysis import Analysis
+from physretarget.validation.clip_rule import ClipRule, dof_names, most_severe
 from physretarget.validation.report import Cause, Finding
-from physretarget.validation.rule import Limit, Limits, Rule, Verdict, dof_names, most_severe
+from physretarget.validation.rule import Judgement, Limit, Limits
 
 
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+def check(analysis: Analysis, limits: Limits, rule: ClipRule) -> Judgement:
     """The clip trembles: from frame to frame it carries noise."""
     seen = analysis.continuity
     if len(seen.noise_step) == 0:
-        return Verdict(not_covered="noise cannot be told in fewer than 11 frames")
+        return Judgement(not_covered="noise cannot be told in fewer than 11 frames")
     names = dof_names(analysis)
     found: list[Finding] = []
     causes: list[Cause] = []
@@ -78,10 +79,10 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
             body=joint if kind == "joint" else None, value=float(values[worst]), limit=limit,
             unit=unit,
         ))  # fmt: skip
-    return Verdict(findings=most_severe(found), causes=tuple(causes[:1]))
+    return Judgement(findings=most_severe(found), causes=tuple(causes[:1]))
 
 
-RULE = Rule(
+RULE = ClipRule(
     code="KIN003",
     name="jitter",
     doc=__doc__ or "",

@@ -29,8 +29,9 @@ from __future__ import annotations
 import numpy as np
 
 from physretarget.validation.analysis import Analysis
+from physretarget.validation.clip_rule import ClipRule, dof_names, most_severe
 from physretarget.validation.report import Finding
-from physretarget.validation.rule import Limit, Limits, Rule, Verdict, dof_names, most_severe
+from physretarget.validation.rule import Judgement, Limit, Limits
 from physretarget.validation.steps import Kind, stands_out
 
 _KINDS = (
@@ -40,11 +41,11 @@ _KINDS = (
 )
 
 
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+def check(analysis: Analysis, limits: Limits, rule: ClipRule) -> Judgement:
     """The body or a joint jumps between two frames."""
     seen = analysis.continuity
     if seen.frames < 4:
-        return Verdict(not_covered="needs at least four frames")
+        return Judgement(not_covered="needs at least four frames")
     names = dof_names(analysis)
     found: list[Finding] = []
     for kind in _KINDS:
@@ -64,10 +65,10 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
                 body=joint if kind.name == "joint" else None, value=value, limit=limit,
                 unit=kind.unit,
             ))  # fmt: skip
-    return Verdict(findings=most_severe(found))
+    return Judgement(findings=most_severe(found))
 
 
-RULE = Rule(
+RULE = ClipRule(
     code="KIN004",
     name="teleport",
     doc=__doc__ or "",

@@ -21,14 +21,15 @@ A hand inside the thigh.
 from __future__ import annotations
 
 from physretarget.validation.analysis import Analysis
-from physretarget.validation.rule import Limit, Limits, Rule, Verdict, exceeding
+from physretarget.validation.clip_rule import ClipRule, exceeding
+from physretarget.validation.rule import Judgement, Limit, Limits
 
 
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+def check(analysis: Analysis, limits: Limits, rule: ClipRule) -> Judgement:
     """Bodies of the character pass through each other."""
     overlap = analysis.series.overlap
     if overlap is None:
-        return Verdict(not_covered="the model has no two bodies that may collide")
+        return Judgement(not_covered="the model has no two bodies that may collide")
     pair = overlap.pair
 
     def bodies(frame: int) -> str:
@@ -41,7 +42,7 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     )  # fmt: skip
 
 
-RULE = Rule(
+RULE = ClipRule(
     code="KIN005",
     name="self-penetration",
     doc=__doc__ or "",

@@ -22,24 +22,12 @@ A link whose inertia was typed in g cm^2 instead of kg m^2.
 
 from __future__ import annotations
 
-from physretarget.validation.analysis import Analysis
-from physretarget.validation.model import audited
-from physretarget.validation.rule import Limits, Rule, Verdict
+from physretarget.validation.model_rule import ModelRule
 
-
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
-    """A body's mass or inertia cannot exist."""
-    return audited(
-        analysis,
-        rule,
-        errors=("inertia_triangle", "mass_none"),
-        warnings=("inertia_reach", "mass_light", "com_outside"),
-    )
-
-
-RULE = Rule(
+RULE = ModelRule(
     code="MDL001",
     name="impossible-inertia",
     doc=__doc__ or "",
-    check=check,
+    errors=("inertia_triangle", "mass_none"),
+    warnings=("inertia_reach", "mass_light", "com_outside"),
 )

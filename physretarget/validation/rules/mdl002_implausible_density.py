@@ -19,19 +19,11 @@ A foot of 10 kg in a 0.2 litre box.
 
 from __future__ import annotations
 
-from physretarget.validation.analysis import Analysis
-from physretarget.validation.model import audited
-from physretarget.validation.rule import Limits, Rule, Verdict
+from physretarget.validation.model_rule import ModelRule
 
-
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
-    """A body is lighter than foam or heavier than tungsten."""
-    return audited(analysis, rule, errors=(), warnings=("density_low", "density_high"))
-
-
-RULE = Rule(
+RULE = ModelRule(
     code="MDL002",
     name="implausible-density",
     doc=__doc__ or "",
-    check=check,
+    warnings=("density_low", "density_high"),
 )

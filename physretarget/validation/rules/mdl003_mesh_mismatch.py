@@ -21,19 +21,11 @@ A shell exported in millimetres.
 
 from __future__ import annotations
 
-from physretarget.validation.analysis import Analysis
-from physretarget.validation.model import audited
-from physretarget.validation.rule import Limits, Rule, Verdict
+from physretarget.validation.model_rule import ModelRule
 
-
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
-    """A mesh is not watertight, or has another volume than its inertia says."""
-    return audited(analysis, rule, errors=(), warnings=("mesh_open", "mesh_volume"))
-
-
-RULE = Rule(
+RULE = ModelRule(
     code="MDL003",
     name="mesh-mismatch",
     doc=__doc__ or "",
-    check=check,
+    warnings=("mesh_open", "mesh_volume"),
 )

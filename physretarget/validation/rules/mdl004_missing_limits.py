@@ -19,19 +19,11 @@ A knee that may turn all round.
 
 from __future__ import annotations
 
-from physretarget.validation.analysis import Analysis
-from physretarget.validation.model import audited
-from physretarget.validation.rule import Limits, Rule, Verdict
+from physretarget.validation.model_rule import ModelRule
 
-
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
-    """Joints have no range."""
-    return audited(analysis, rule, errors=(), warnings=("limit_missing",))
-
-
-RULE = Rule(
+RULE = ModelRule(
     code="MDL004",
     name="missing-limits",
     doc=__doc__ or "",
-    check=check,
+    warnings=("limit_missing",),
 )

@@ -20,19 +20,11 @@ stiffness="100" damping="10" on every joint of a robot file.
 
 from __future__ import annotations
 
-from physretarget.validation.analysis import Analysis
-from physretarget.validation.model import audited
-from physretarget.validation.rule import Limits, Rule, Verdict
+from physretarget.validation.model_rule import ModelRule
 
-
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
-    """A controller's gains hide in joint stiffness or damping."""
-    return audited(analysis, rule, errors=(), warnings=("pd_gains", "root_passive"))
-
-
-RULE = Rule(
+RULE = ModelRule(
     code="MDL005",
     name="controller-gains",
     doc=__doc__ or "",
-    check=check,
+    warnings=("pd_gains", "root_passive"),
 )

@@ -20,19 +20,11 @@ A robot file whose collision meshes were stripped.
 
 from __future__ import annotations
 
-from physretarget.validation.analysis import Analysis
-from physretarget.validation.model import audited
-from physretarget.validation.rule import Limits, Rule, Verdict
+from physretarget.validation.model_rule import ModelRule
 
-
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
-    """Nothing of the model can touch the floor."""
-    return audited(analysis, rule, errors=(), warnings=("no_contact_geometry",))
-
-
-RULE = Rule(
+RULE = ModelRule(
     code="MDL006",
     name="no-contact-geometry",
     doc=__doc__ or "",
-    check=check,
+    warnings=("no_contact_geometry",),
 )

@@ -20,19 +20,11 @@ A model in centimetres.
 
 from __future__ import annotations
 
-from physretarget.validation.analysis import Analysis
-from physretarget.validation.model import audited
-from physretarget.validation.rule import Limits, Rule, Verdict
+from physretarget.validation.model_rule import ModelRule
 
-
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
-    """Gravity or size suggest another unit or axis."""
-    return audited(analysis, rule, errors=(), warnings=("gravity", "size"))
-
-
-RULE = Rule(
+RULE = ModelRule(
     code="MDL007",
     name="suspicious-world",
     doc=__doc__ or "",
-    check=check,
+    warnings=("gravity", "size"),
 )

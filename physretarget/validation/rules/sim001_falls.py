@@ -26,18 +26,19 @@ from __future__ import annotations
 import numpy as np
 
 from physretarget.validation.analysis import Analysis
-from physretarget.validation.rule import Limits, Rule, Verdict
+from physretarget.validation.clip_rule import ClipRule
+from physretarget.validation.rule import Judgement, Limits
 
 
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+def check(analysis: Analysis, limits: Limits, rule: ClipRule) -> Judgement:
     """The body falls where MuJoCo plays the clip."""
     played = analysis.played
     if played is None or played.exact is None:
-        return Verdict(not_covered=played.reason if played else "only with --simulate")
+        return Judgement(not_covered=played.reason if played else "only with --simulate")
     if played.fall_s is None:
-        return Verdict()
+        return Judgement()
     frame = min(int(np.searchsorted(analysis.clip.time, played.fall_s)), analysis.clip.frames - 1)
-    return Verdict(
+    return Judgement(
         findings=(
             rule.finding(
                 severity="error",
@@ -52,4 +53,4 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     )  # fmt: skip
 
 
-RULE = Rule(code="SIM001", name="falls", doc=__doc__ or "", check=check)
+RULE = ClipRule(code="SIM001", name="falls", doc=__doc__ or "", check=check)

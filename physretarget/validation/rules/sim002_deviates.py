@@ -24,20 +24,21 @@ from __future__ import annotations
 from typing import Literal
 
 from physretarget.validation.analysis import Analysis
-from physretarget.validation.rule import Limit, Limits, Rule, Verdict
+from physretarget.validation.clip_rule import ClipRule
+from physretarget.validation.rule import Judgement, Limit, Limits
 
 
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+def check(analysis: Analysis, limits: Limits, rule: ClipRule) -> Judgement:
     """The simulated body leaves the clip to stay on its feet."""
     played = analysis.played
     if played is None or played.exact is None:
-        return Verdict(not_covered=played.reason if played else "only with --simulate")
+        return Judgement(not_covered=played.reason if played else "only with --simulate")
     share = played.exact.tracking_share
     if share <= limits["warning"]:
-        return Verdict()
+        return Judgement()
     severity: Literal["error", "warning"] = "error" if share > limits["error"] else "warning"
     limit = limits[severity]
-    return Verdict(
+    return Judgement(
         findings=(
             rule.finding(
                 severity=severity,
@@ -49,7 +50,7 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     )  # fmt: skip
 
 
-RULE = Rule(
+RULE = ClipRule(
     code="SIM002",
     name="deviates",
     doc=__doc__ or "",

@@ -25,20 +25,21 @@ from __future__ import annotations
 from typing import Literal
 
 from physretarget.validation.analysis import Analysis
-from physretarget.validation.rule import Limit, Limits, Rule, Verdict
+from physretarget.validation.clip_rule import ClipRule
+from physretarget.validation.rule import Judgement, Limit, Limits
 
 
-def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
+def check(analysis: Analysis, limits: Limits, rule: ClipRule) -> Judgement:
     """The simulated body needs help on its root to stay on the clip."""
     played = analysis.played
     if played is None or played.assisted is None:
-        return Verdict(not_covered=played.reason if played else "only with --simulate")
+        return Judgement(not_covered=played.reason if played else "only with --simulate")
     force = played.assisted.assist_force_rms_bw
     if force <= limits["warning"]:
-        return Verdict()
+        return Judgement()
     severity: Literal["error", "warning"] = "error" if force > limits["error"] else "warning"
     limit = limits[severity]
-    return Verdict(
+    return Judgement(
         findings=(
             rule.finding(
                 severity=severity,
@@ -50,7 +51,7 @@ def check(analysis: Analysis, limits: Limits, rule: Rule) -> Verdict:
     )  # fmt: skip
 
 
-RULE = Rule(
+RULE = ClipRule(
     code="SIM003",
     name="needs-assist",
     doc=__doc__ or "",
