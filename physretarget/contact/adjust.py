@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget import kinematics
-from physretarget.contact.carry import carried, followed, off_track
+from physretarget.contact.carry import carried, followed, mean_shift, off_track
 from physretarget.contact.clearance import above_floor, on_the_floor
 from physretarget.contact.flight import grounded, throw_arc, thrown
 from physretarget.contact.foot import Foot
+from physretarget.contact.leg import stride_limit
 from physretarget.contact.order import legs_in_turn
 from physretarget.contact.phases import Phases
 from physretarget.contact.reach import within_reach
@@ -112,7 +113,7 @@ def adjust(
     moved = carried(character, qpos, time, feet, settings)
     if off_track(character, moved, feet) > 1e-5:
         moved, feet = _reached(character, qpos, moved, time, phases, feet, settings, notes)
-    moved = above_floor(character, moved, feet, settings)
+    moved = above_floor(character, moved, time, feet, settings)
     moved = on_the_floor(character, moved, time, feet, settings)
     tracks = [foot.track for foot in feet]
     if settings.blend == "ballistic":
@@ -141,24 +142,59 @@ def _feet(
     phases: Phases,
     settings: ContactSettings,
 ) -> tuple[list[Foot], list[str]]:
-    """The bodies that stand at some time, with the path that each shall take."""
+    """The bodies that stand at some time, with the path that each shall take.
+
+    Where legs carry a trunk, first as if they could hold any place on which they stand: that says
+    where the trunk goes. Then stances are cut where it takes a foot beyond its reach.
+    """
+    standing, notes = _planted(character, pose, time, phases, settings, None)
+    feet = _flown(character, standing, time, phases, settings)
+    if feet and not any(foot.sole.body == character.root_body for foot in feet):
+        way = mean_shift(feet)[:, :2]
+        standing, notes = _planted(character, pose, time, phases, settings, way)
+        feet = _flown(character, standing, time, phases, settings)
+    return feet, notes
+
+
+def _planted(
+    character: Character,
+    pose: kinematics.Pose,
+    time: Floats,
+    phases: Phases,
+    settings: ContactSettings,
+    way: Floats | None,
+) -> tuple[list[Foot], list[str]]:
+    """The bodies that stand on their places, not flying yet; ``way`` (T, 2) moves the trunk."""
     found: list[Foot] = []
     notes: list[str] = []
-    for body in standing_bodies(character).tolist():
-        sole = sole_of(character, body)
-        active = np.stack([phases.of(character.tied[i]) for i in sole.points], axis=1)
+    soles = [sole_of(character, body) for body in standing_bodies(character).tolist()]
+    actives = [
+        np.stack([phases.of(character.tied[i]) for i in sole.points], axis=1) for sole in soles
+    ]
+    stands = np.stack([active.any(axis=1) for active in actives]) if soles else np.zeros((0, 0))
+    for number, (sole, active) in enumerate(zip(soles, actives, strict=True)):
         if not active.any():
             continue
+        body, others = sole.body, np.delete(stands, number, axis=0)
         motion = sole_motion(sole, pose)
-        limit = turning_limit(character, body, settings)
+        reach = stride_limit(character, sole, settings)
         footings, remarks = find_footings(
-            sole, active, _place(sole, motion), time, character.height, limit, settings
+            sole,
+            active,
+            _place(sole, motion),
+            time,
+            character.height,
+            turning_limit(character, body, settings),
+            settings,
+            off=None if way is None else (motion.centre[:, :2] + way) / reach,
+            up=None if way is None or not len(others) else 1.0 - others.mean(axis=0),
         )
         notes += [f"{character.model.body(body).name}: {remark}" for remark in remarks]
         floor = character.floor_height
         track = stand(sole, motion, footings, active, time, floor, settings)
+        stands[number] = track.away == 0.0
         found.append(Foot(sole, motion, active, footings, track))
-    return _flown(character, found, time, phases, settings), notes
+    return found, notes
 
 
 def _place(sole: Sole, motion: SoleMotion) -> Floats:
@@ -181,24 +217,34 @@ def _flown(
     borne = grounded(character, phases, tracks)
     arc = throw_arc(borne, tracks, time, character.height, settings)
     floor, height = character.floor_height, character.height
-    return [
-        replace(
-            foot,
-            track=fly(
-                foot.sole,
-                foot.motion,
-                foot.track,
-                foot.footings,
-                borne,
-                arc,
-                time,
-                floor,
-                height,
-                settings,
-            ),
-        )
-        for foot in standing
-    ]
+
+    def flown(way: Floats | None) -> list[Foot]:
+        return [
+            replace(
+                foot,
+                track=fly(
+                    foot.sole,
+                    foot.motion,
+                    foot.track,
+                    foot.footings,
+                    borne,
+                    arc,
+                    time,
+                    floor,
+                    height,
+                    settings,
+                    way=way,
+                ),
+            )
+            for foot in standing
+        ]
+
+    feet = flown(None)
+    if any(foot.sole.body == character.root_body for foot in feet):
+        return feet
+    way = mean_shift(feet)
+    way[:, 2] = 0.0  # how high feet swing and are thrown is theirs
+    return flown(way)
 
 
 def _reached(

@@ -50,15 +50,23 @@ def carried(
     if own:
         moved = _swivelled(character, _on_track(character, qpos, own[0]), own[0], settings)
         return kept_pace(character, moved, time, own[0], settings)
-    # Feet count the more, the nearer in time they stand: the average stays continuous.
+    moved = qpos.copy()
+    at = character.root_qpos
+    moved[:, at : at + 3] += mean_shift(feet)
+    return moved
+
+
+def mean_shift(feet: list[Foot]) -> Floats:
+    """(T, 3) by how much the paths of the feet are off the motion, on the average.
+
+    Feet count the more, the nearer in time they stand: the average stays continuous.
+    """
     weight = np.stack([1.0 / (1.0 + (f.track.away / 0.2) ** 2) for f in feet])
     weight += 1e-6
     weight /= weight.sum(axis=0)
     shift = np.stack([f.track.centre - f.motion.centre for f in feet])
-    moved = qpos.copy()
-    at = character.root_qpos
-    moved[:, at : at + 3] += np.einsum("ft,ftc->tc", weight, shift)
-    return moved
+    mean: Floats = np.einsum("ft,ftc->tc", weight, shift)
+    return mean
 
 
 def _on_track(character: Character, qpos: Floats, foot: Foot) -> Floats:
@@ -247,10 +255,11 @@ def lifted(
     qpos: Floats,
     feet: list[Foot],
     settings: ContactSettings,
+    step_s: float,
     frames: Ints,
     targets: PointTargets,
 ) -> Floats:
-    """Poses of some frames that also bring further points to their places.
+    """Poses of consecutive frames that also bring further points to their places.
 
     ``qpos`` (n, nq) are poses that follow the paths. The trunk keeps its rotation.
     """
@@ -260,13 +269,17 @@ def lifted(
     every = [_as_it_was(character, qpos), targets]
     for foot in feet:
         every += _targets(foot, frames, settings, 1.0)
-    return kinematics.solve(
+    return kinematics.solve_trajectory(
         character.tree,
-        qpos,
+        [qpos],
         every,
+        step_s=step_s,
+        price=motion_price(character, IkSettings()),
+        reference=qpos,
         lower=character.lower,
         upper=character.upper,
         locked=locked,
+        prior=qpos,
         prior_weight=joint_weights(character, settings.joint_weight),
         iterations=8,
         damping=SOFT,

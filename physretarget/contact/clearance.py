@@ -2,7 +2,7 @@
 
 Bringing a base to the floor can take what it carries below: a lamp that bows deeply, or a
 pose far from every key pose. Points on the surface of the carried bodies that end below the
-floor are lifted onto it by inverse kinematics, in the frames concerned alone.
+floor are lifted onto it by inverse kinematics, over the stretches of time concerned.
 """
 
 from __future__ import annotations
@@ -27,17 +27,20 @@ DIRECTIONS = 40
 """A body is represented by its farthest points in so many directions."""
 FLOOR_SLACK = 1e-4
 """Carried bodies may be this far below the floor (m) without being lifted."""
+AROUND = 0.15
+"""So long before and after it is lifted a limb may make way (s)."""
 ROUNDS = 6
 """Lifting a body moves its neighbours: so often is looked again."""
 
 
 def above_floor(
-    character: Character, qpos: Floats, feet: list[Foot], settings: ContactSettings
+    character: Character, qpos: Floats, time: Floats, feet: list[Foot], settings: ContactSettings
 ) -> Floats:
-    """Lift what is carried below the floor onto it; frames with nothing below stay as they are.
+    """Lift what is carried below the floor onto it; only frames near such a one change.
 
     A body is lifted as a whole by the depth of its lowest point, as far as it is deeper than in
-    the reference pose. That moves its neighbours: a few rounds.
+    the reference pose. That moves its neighbours: a few rounds. Each solves whole stretches of
+    time, so that a limb that can be lifted in two ways does not leap from one to the other.
     """
     exact = [foot.sole.body for foot in feet if foot.sole.two_sided]
     bodies = np.setdiff1d(character.bodies, exact)
@@ -51,6 +54,7 @@ def above_floor(
     weight = np.where(standing, settings.stance_weight, settings.clearance_weight)
     share = weight / np.array([(body == one).sum() for one in body])
     moved = qpos.copy()
+    step_s = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
     for _ in range(ROUNDS):
         depth = _depth(character, moved[frames], body, local, standing)
         low = depth > slack
@@ -58,12 +62,23 @@ def above_floor(
         if not len(frames):
             break
         some = low.any(axis=0)
-        pose = kinematics.forward(character.tree, moved[frames])
-        target = kinematics.points(pose, body[some], local[some])
-        target[..., 2] += np.where(low, depth - slack, np.nan)[:, some]
-        lift = PointTargets(body[some], local[some], target, share[some])
-        moved[frames] = lifted(character, moved[frames], feet, settings, frames, lift)
+        rise = np.full((len(qpos), int(some.sum())), np.nan)
+        rise[frames] = np.where(low, depth - slack, np.nan)[:, some]
+        for part in _stretches(frames, len(qpos), step_s):
+            pose = kinematics.forward(character.tree, moved[part])
+            target = kinematics.points(pose, body[some], local[some])
+            target[..., 2] += rise[part]
+            lift = PointTargets(body[some], local[some], target, share[some])
+            moved[part] = lifted(character, moved[part], feet, settings, step_s, part, lift)
     return moved
+
+
+def _stretches(frames: Ints, count: int, step_s: float) -> list[Ints]:
+    """Frames near the given ones, each run of them apart."""
+    near, around = np.zeros(count, dtype=bool), round(AROUND / step_s)
+    for frame in frames.tolist():
+        near[max(frame - around, 0) : frame + around + 1] = True
+    return [np.arange(first, last + 1) for first, last in runs(near)]
 
 
 def on_the_floor(

@@ -26,6 +26,11 @@ SAMPLES = 8
 """Poses in which a leg is tried: in a single one it may be straight."""
 SOLE_SLACK = 0.003
 """So deep may an edge of a rolled sole be in the floor (m), as a rounded toe is that rolls."""
+PLACES, FARTHEST, FEW = 4096, 1.2, 20
+"""Poses in which a leg's reach is tried, how far each joint is moved in them (rad), and how many on
+the floor say nothing."""
+SHARE = 0.7
+"""A leg's stride is as long as this share of all places on the floor that it reaches is near."""
 WEAKEST = 0.03
 """A direction counts as commanded if the leg's joints move the foot along it by this share of how
 they move it along the strongest one."""
@@ -132,3 +137,30 @@ def _shortened(vector: Floats, longest: float) -> Floats:
     length = np.linalg.norm(vector, axis=1, keepdims=True)
     short: Floats = vector * np.minimum(1.0, longest / np.maximum(length, 1e-9))
     return short
+
+
+def stride_limit(character: Character, sole: Sole, settings: ContactSettings) -> float:
+    """How far from its place under the trunk a leg's foot may get while it stands, m.
+
+    Of all places on the floor that the leg's joints reach, the trunk as high as its budget allows,
+    ``SHARE`` are no farther from where the foot is in the reference pose. Infinite if the body is no
+    foot on a leg, or one that reaches the floor nowhere else.
+    """
+    tree = character.tree
+    chain = tree.carries[:, sole.body].copy()
+    chain[character.root_body] = False
+    dofs = chain[tree.dof_body] & ~_trunk_dofs(character)
+    if sole.body == character.root_body or not character.has_root or not dofs.any():
+        return float(np.inf)
+    rng = np.random.default_rng(0)
+    step = np.where(dofs, rng.uniform(-FARTHEST, FARTHEST, (PLACES, tree.nv)), 0.0)
+    qpos = kinematics.integrate(tree, np.tile(character.reference_qpos, (PLACES, 1)), step)
+    possible = ((qpos >= character.lower - 1e-9) & (qpos <= character.upper + 1e-9)).all(axis=1)
+    qpos = np.concatenate([character.reference_qpos[None], qpos[possible]])
+    pose = kinematics.forward(tree, qpos)
+    off = kinematics.points(pose, np.array([sole.body]), sole.centre[None])[:, 0]
+    off = off[1:] - off[0]
+    floor = np.abs(off[:, 2]) <= settings.trunk_height * character.height
+    if floor.sum() < FEW:
+        return float(np.inf)
+    return float(np.quantile(np.linalg.norm(off[floor, :2], axis=1), SHARE))

@@ -46,6 +46,8 @@ class ContactSettings:
         on horizontally as if every correction of the body were smoothed by a Gaussian of this
         standard deviation, s. lean: but leans no farther than this from where the pose has it,
         at its top, less below. Zero for none.
+    settle_down: time from the first or last stance over which a foot on a leg comes to hang from
+        the trunk as the motion has it, s.
     settle: time over which a body's tilt changes when other points become planted, s.
     missed: a stance ends where its points are farther than this from their place, m, because
         the legs do not reach, or where its sole rolls so far that some of it is ``rolled`` m
@@ -85,6 +87,7 @@ class ContactSettings:
     max_tilt: float = 0.35
     pace: float = 0.25
     lean: float = 0.2
+    settle_down: float = 0.3
     settle: float = 0.06
     missed: float = 1e-3
     rolled: float = 4e-3

@@ -63,12 +63,17 @@ def find_footings(
     height: float,
     limit: float,
     settings: ContactSettings,
+    *,
+    off: Floats | None = None,
+    up: Floats | None = None,
 ) -> tuple[list[Footing], list[str]]:
     """The stances of a body, in order and apart from each other, and notes on what was cut.
 
     ``active`` (T, n) the timetable of its points; ``place`` (T, 3) x, y and heading of the
     sole before the adjustment; ``height`` of the character, m; ``limit`` how far the heading
-    may be from its mean over a stance, rad.
+    may be from its mean over a stance, rad; ``off`` (T, 2) x and y of the sole on a trunk that goes
+    where its feet take it, over the leg's reach; ``up`` (T,) the share of the other bodies that
+    are in the air.
     """
     phases: list[tuple[int, int, str]] = []
     for side in dict.fromkeys(sole.sides):
@@ -83,21 +88,32 @@ def find_footings(
                 old.first, max(old.last, last), (*old.members, *new.members), place, time
             )
         merged.append(new)
-    pieces = [p for whole in merged for p in _turning(whole, place, time, limit, settings)]
+    pieces = [p for whole in merged for p in _turning(whole, place, time, limit, settings, off, up)]
     footings, notes = _apart(sole, pieces, time, height, settings)
     if len(pieces) > len(merged):
-        notes.append(f"Stances cut because the motion turns: {len(pieces) - len(merged)}.")
+        notes.append(
+            f"Stances cut because the motion turns or goes on: {len(pieces) - len(merged)}."
+        )
     return footings, notes
 
 
 def _turning(
-    whole: Footing, place: Floats, time: Floats, limit: float, settings: ContactSettings
+    whole: Footing,
+    place: Floats,
+    time: Floats,
+    limit: float,
+    settings: ContactSettings,
+    off: Floats | None,
+    up: Floats | None,
 ) -> list[Footing]:
-    """A stance in as many pieces as one heading each suffices for."""
+    """A stance in as many pieces as one place and heading each suffices for."""
     inside = slice(whole.first, whole.last + 1)
     edges = [edge for first, last, _ in whole.members for edge in (first, last)]
     steps = time[[edge for edge in edges if whole.first < edge < whole.last]]
-    at = whole.first + cuts(place[inside, 2], time[inside], limit, steps, settings)
+    there = None if off is None else off[inside]
+    others = None if up is None else up[inside]
+    heading = place[inside, 2]
+    at = whole.first + cuts(heading, time[inside], limit, steps, settings, off=there, up=others)
     if not len(at):
         return [whole]
     pieces = []

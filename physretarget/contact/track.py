@@ -202,10 +202,15 @@ def fly(
     floor: float,
     height: float,
     settings: ContactSettings,
+    *,
+    way: Floats | None = None,
 ) -> Track:
     """Blend the corrections of the stances before and after over each flight, eq. (9).
 
-    Before the first stance and after the last one its own correction holds. ``grounded`` (T,)
+    What is blended is how far they are from ``way`` (T, 3), the correction of the trunk on which
+    the foot hangs, zero by default: a foot in flight goes where its trunk goes. Before the first
+    stance and after the last one its own correction holds; on a trunk, that difference is gone
+    ``settings.settle_down`` s away. ``grounded`` (T,)
     tells whether anything bears the character: a flight during which nothing does is a hop of
     the whole and rises like a thrown stone, by ``arc`` (T,) m; otherwise a foot swings, and is
     thrown with the rest while nothing bears.
@@ -213,6 +218,8 @@ def fly(
     if not footings:
         return track
     centre, rotation = track.centre.copy(), track.rotation.copy()
+    hangs = way is not None
+    way = np.zeros_like(centre) if way is None else way
     ends = [None, *footings, None]
     for before, after in pairwise(ends):
         first = before.last + 1 if before else 0
@@ -223,13 +230,17 @@ def fly(
         t0 = float(time[before.last]) if before else float(time[first])
         t1 = float(time[after.first]) if after else float(time[last])
         share = (time[inner] - t0) / max(t1 - t0, 1e-9)
-        start = _correction(sole, motion, track, before.last) if before else None
-        end = _correction(sole, motion, track, after.first) if after else None
+        start = _correction(sole, motion, track, before.last, way) if before else None
+        end = _correction(sole, motion, track, after.first, way) if after else None
         thrown = not grounded[inner].any() and t1 - t0 <= settings.longest_flight
         linear = thrown and settings.blend == "ballistic"
         weight = share if linear else share * share * (3.0 - 2.0 * share)  # eq. (9)
         shift, yaw, tilt = _blended(start, end, weight)
-        centre[inner] += shift
+        if hangs and not (before and after):
+            since = np.abs(time[inner] - (t0 if before else t1)) / settings.settle_down
+            near = np.maximum(1.0 - since, 0.0)
+            shift = shift * (near * near * (3.0 - 2.0 * near))[:, None]
+        centre[inner] += shift + way[inner]
         if len(sole.local) > 1:
             turn = kinematics.quat_multiply(kinematics.rotvec_to_quat(tilt), yaw_quat(yaw))
             rotation[inner] = kinematics.quat_to_matrix(turn) @ rotation[inner]
@@ -267,14 +278,20 @@ def raised(low: Height, arc: Height) -> Height:
 _Correction = tuple[Floats, float, Floats]
 
 
-def _correction(sole: Sole, motion: SoleMotion, track: Track, frame: int) -> _Correction:
-    """What takes the motion to the track at a frame: shift (3,), yaw, world tilt vector (3,)."""
+def _correction(
+    sole: Sole, motion: SoleMotion, track: Track, frame: int, way: Floats
+) -> _Correction:
+    """What takes the motion, moved by ``way``, to the track at a frame.
+
+    Shift (3,), yaw, world tilt vector (3,).
+    """
     there = kinematics.matrix_to_quat(track.rotation[frame] @ sole.flat.T)
     yaw = 2.0 * float(np.arctan2(there[3], there[0])) - float(motion.yaw[frame])
     yaw = float((yaw + np.pi) % (2.0 * np.pi) - np.pi)
     turned = kinematics.quat_to_matrix(yaw_quat(np.array(yaw))) @ motion.rotation[frame]
     rest = kinematics.matrix_to_quat(track.rotation[frame] @ turned.T)
-    return track.centre[frame] - motion.centre[frame], yaw, kinematics.quat_to_rotvec(rest)
+    shift = track.centre[frame] - motion.centre[frame] - way[frame]
+    return shift, yaw, kinematics.quat_to_rotvec(rest)
 
 
 def _blended(

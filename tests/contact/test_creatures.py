@@ -224,6 +224,48 @@ def test_a_foot_that_cannot_turn_by_itself_pivots_at_its_place(walk) -> None:
         assert np.linalg.norm(centre - stance.position, axis=1).max() < 2e-3
 
 
+@pytest.mark.parametrize("pairs", [2, 3])
+def test_legs_step_round_when_the_trunk_turns(pairs: int) -> None:
+    """All feet of the actor stand, and yet the trunk turns by more than any leg can hold."""
+    character, time = crawler(pairs), np.arange(150) / 60.0
+    placed = np.tile(character.reference_qpos, (len(time), 1))
+    yaw = 1.0 * (1.0 - np.cos(np.pi * time / time[-1]))
+    turn = kinematics.rotvec_to_quat(yaw[:, None] * [0.0, 0.0, 1.0])
+    placed[:, 3:7] = kinematics.quat_multiply(turn, placed[:, 3:7])
+    phases = Phases(NAMES, np.ones((len(time), 4), dtype=bool), time)
+    result = adjust(character, placed, time, phases)
+    assert largest_step(character, result.qpos) < 0.45
+    assert len(result.stances) > 2 * len(character.contacts)
+    assert result.slide_max_m < 0.002
+    # Feet stay near their places under the trunk: none is dragged along behind it.
+    contacts = character.contacts
+    poses = [kinematics.forward(character.tree, qpos) for qpos in (result.qpos, placed)]
+    seen = []
+    for pose in poses:
+        root = character.root_body
+        points = kinematics.points(pose, contacts.body, contacts.local)
+        seen.append((points - pose.position[:, None, root]) @ pose.rotation[:, root])
+    assert np.linalg.norm((seen[0] - seen[1])[..., :2], axis=-1).max() < 0.2
+
+
+def test_a_foot_in_the_air_goes_where_its_trunk_goes() -> None:
+    """The last stance is long over, and the trunk goes on with the other feet's correction."""
+    character, time = crawler(2), np.arange(120) / 60.0
+    placed = np.tile(character.reference_qpos, (len(time), 1))
+    placed[:, 0] = 0.4 * time  # every foot slides
+    active = np.ones((len(time), 4), dtype=bool)
+    active[40:, 1] = False
+    result = adjust(character, placed, time, Phases(NAMES, active, time))
+    assert largest_step(character, result.qpos) < 0.2
+    up = np.array([tie == "left_toe" for tie in character.tied])
+    contacts = character.contacts
+    pose, before = (kinematics.forward(character.tree, q) for q in (result.qpos, placed))
+    points, was = (kinematics.points(p, contacts.body, contacts.local) for p in (pose, before))
+    root = character.root_body
+    off = points - pose.position[:, None, root] - (was - before.position[:, None, root])
+    assert np.abs(off[60:, up, :2]).max() < 0.02
+
+
 def test_a_snake_stays_on_the_floor(walk) -> None:
     character, phases = snake(), gait(walk)
     placed = walking(character, phases, 0.1, sway=0.0)

@@ -36,7 +36,7 @@ def moving(character: Character, frames: int, speed: float, roll: float = 0.0) -
 
 def test_a_foot_lets_go_where_the_legs_do_not_reach(legs: Character, walk) -> None:
     time, active = walk
-    qpos = moving(legs, len(time), speed=1.6)  # steps of 0.8 m on legs of 0.38 m
+    qpos = moving(legs, len(time), speed=2.0)  # steps of 1 m on legs of 0.38 m
     phases = Phases(NAMES, active, time)
     freely = adjust(legs, qpos, time, phases)
     doggedly = adjust(legs, qpos, time, phases, settings=ContactSettings(releases=0))

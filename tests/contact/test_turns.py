@@ -154,3 +154,23 @@ def test_single_points_have_no_heading():
     result = adjust(one, qpos, time, Phases(("left_toe",), np.ones((120, 1), bool), time))
     assert_still(result)
     assert len(result.stances) == 1
+
+
+def test_a_foot_is_set_down_anew_where_it_is_out_of_reach_for_long() -> None:
+    time = np.arange(120) / 60.0
+    still, sweep = np.zeros(len(time)), np.stack([1.5 * time, 0.0 * time], axis=1)
+    settings = ContactSettings()
+    assert len(cuts(still, time, 0.6, NEVER, settings, off=0.6 * sweep)) == 0
+    assert len(cuts(still, time, 0.6, NEVER, settings, off=2.0 * sweep)) in (1, 2, 3)
+    # Pieces that would be too short to come within reach are not worth a step.
+    assert len(cuts(still, time, 0.6, NEVER, settings, off=40.0 * sweep)) == 0
+
+
+def test_feet_that_are_set_down_anew_take_turns() -> None:
+    time = np.arange(120) / 60.0
+    angle = 0.75 * np.tanh(8 * (time - 1.0))
+    settings, up = ContactSettings(), np.where(np.abs(time - 1.0) < 0.1, 1.0, 0.0)
+    alone = time[cuts(angle, time, 0.6, NEVER, settings)]
+    in_turn = time[cuts(angle, time, 0.6, NEVER, settings, up=up)]
+    assert (np.abs(alone - 1.0) < 0.1).any()
+    assert not (np.abs(in_turn - 1.0) < 0.1).any()
