@@ -143,8 +143,8 @@ def stride_limit(character: Character, sole: Sole, settings: ContactSettings) ->
     """How far from its place under the trunk a leg's foot may get while it stands, m.
 
     Of all places on the floor that the leg's joints reach, the trunk as high as its budget allows,
-    ``SHARE`` are no farther from where the foot is in the reference pose. Infinite if the body is no
-    foot on a leg, or one that reaches the floor nowhere else.
+    ``SHARE`` are no farther from where the foot is in the reference pose. Infinite if the body is
+    no foot on a leg, or one that reaches the floor nowhere else.
     """
     tree = character.tree
     chain = tree.carries[:, sole.body].copy()

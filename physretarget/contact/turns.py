@@ -3,8 +3,8 @@
 A planted body has one heading. As long as the motion's own heading stays near it, what the
 body carries can make up the difference: a swivel, or the hips. Beyond that the body has to be
 lifted and set down anew: a turn of half a circle is two or three stances with small hops
-between them, best where the actor itself steps. A foot on a leg is also set down anew where the motion has it
-beyond the leg's reach for longer than a step takes.
+between them, best where the actor itself steps. A foot on a leg is also set down anew where the
+motion has it beyond the leg's reach for longer than a step takes.
 """
 
 from __future__ import annotations
