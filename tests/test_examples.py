@@ -174,7 +174,7 @@ def test_workflows_are_yaml_and_call_what_there_is(path: Path) -> None:
         for step in job["steps"]:
             command = step.get("run", "")
             if command.startswith(".ci/"):
-                assert (ROOT / command).is_file()
+                assert os.access(ROOT / command.split()[0], os.X_OK)
             if "-m benchmarks." in command:
                 module = command.split("-m benchmarks.")[1].split()[0]
                 assert any((ROOT / "benchmarks").glob(f"{module}*"))

@@ -24,20 +24,20 @@ COMMANDS = {
     "stream": ("stream", "Retarget frame by frame: JSON lines in, JSON lines out."),
     "keyposes": ("suggest", "Check, draw, suggest, propose and plant key poses."),
     "studio": ("studio", "Pose key poses in the browser."),
-    "character": ("character", "Make a character of a robot's file."),
+    "character": ("character", "Make a character from a robot's file."),
     "validate": ("validate", "Judge clips, or all clips of a folder, by physics."),
     "rules": ("validate", "Explain the rules: meaning, threshold, source."),
     "inspect": ("inspect", "Audit a character, or show how a capture is read."),
     "simulate": ("simulate", "Play a clip forward in MuJoCo, by joint torques."),
     "replay": ("replay", "Play a clip with its forces: a window, a film or a page."),
-    "forces": ("forces", "Ground forces of a capture, per foot, without plates."),
+    "forces": ("forces", "Estimate the ground forces of a capture without force plates."),
     "convert": ("convert", "Convert a clip between file formats."),
-    "fix": ("fix", "Mend clips by the least change."),
-    "suite": ("suite", "Judge a whole library every night, and say what changed."),
+    "fix": ("fix", "Repair clips by the smallest change."),
+    "suite": ("suite", "Judge a whole library every night and report what changed."),
     "serve": ("serve", "Judge and retarget over HTTP, with a web page."),
     "token": ("serve", "Make, list and revoke tokens of the service."),
-    "backup": ("serve", "Back up a service: rows and files in one archive."),
-    "restore": ("serve", "Make a service's data folder of a backup."),
+    "backup": ("serve", "Back up a service's database and files into one archive."),
+    "restore": ("serve", "Restore a service's data folder from a backup."),
     "face": ("face", "Turn facial capture into an animator's sparse curves."),
     "reproduce": ("reproduce", "Make a paper's figures and tables from real data."),
 }
@@ -72,12 +72,12 @@ class _Lazy(TyperGroup):
 app = typer.Typer(
     name="physretarget",
     cls=_Lazy,
-    help="""Human motion capture to non-humanoid characters, and clips judged by physics.
+    help="""Retarget human motion capture to any character, and judge clips by physics.
 
-    A character is a MuJoCo model (MJCF). Key poses say in pairs: where the actor does this, the
-    character does that. A mapper is learned from them, and with it `retarget` turns a capture
-    (BVH, C3D, TRC, AMC, DeepMimic) into a clip, the character's motion. `validate` says of any
-    clip of a model whether it could happen.
+    A character is a MuJoCo model (MJCF). Key poses are pairs: when the actor stands like this, the
+    character stands like that. `learn` makes a mapper of them; `retarget` turns a capture (BVH,
+    C3D, TRC, FBX and others) into a clip, the character's motion. `validate` says whether a clip of
+    any model could happen.
 
     Exit codes: 0 fine, 1 the judged thing failed, 2 unusable input or usage.""",
     epilog="Example: physretarget demo",

@@ -14,7 +14,7 @@ from physretarget.options import CHARACTER_NEW, build
 from physretarget.options.posing import NewCharacterOptions
 
 group = typer.Typer(
-    help="Make a character of a robot's file.",
+    help="Make a character from a robot's file.",
     epilog="Example: physretarget character new lamp.urdf --out lamp.xml",
     no_args_is_help=True,
 )
@@ -25,11 +25,10 @@ app.add_typer(group, name="character")
 def new_command(
     rig: Annotated[Path, typer.Argument(metavar="RIG", help="URDF or MJCF file.")], given: Given
 ) -> None:
-    """Make a character of a URDF or a plain MJCF.
+    """Make a character from a URDF or a plain MJCF.
 
-    It gets a free root, a floor, contact points, a face, limits and masses.
-
-    What had to be guessed is listed; the file is meant to be corrected by hand.
+    Adds a free root, a floor, contact points, a face, limits and masses. Every guess is listed, so
+    that you can correct the file by hand.
     """
     told = build(NewCharacterOptions, given)
     made = make_character(rig, told.out, front=told.front, up=told.up)

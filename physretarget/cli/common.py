@@ -23,7 +23,7 @@ Given = dict[str, Any]
 messages = Console(stderr=True, highlight=False, soft_wrap=True)
 """Where progress, notes and errors go; results go to stdout or to --out."""
 
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
 Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
 
 debug = False

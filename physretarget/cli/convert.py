@@ -26,7 +26,7 @@ def convert_command(
 ) -> None:
     """Convert a clip between file formats.
 
-    In: npz, csv, npy, GMR pkl and others. Out: npz, csv, npy, bvh, glb.
+    Reads npz, csv, npy, GMR pkl and others; writes npz, csv, npy, bvh and glb.
     """
     written = build(ConversionOptions, given)
     clip = convert(

@@ -44,7 +44,7 @@ app.add_typer(group, name="face")
 
 CaptureArgument = Annotated[
     Path,
-    typer.Argument(metavar="CAPTURE", help="Live Link Face CSV, or one of time and channels."),
+    typer.Argument(metavar="CAPTURE", help="Live Link Face CSV, or a CSV with time and channels."),
 ]
 
 
@@ -62,7 +62,7 @@ def library_command(
 ) -> None:
     """Collect past shots into a library.
 
-    An existing one is brought up to date; unchanged files are not reread.
+    Updates an existing library; unchanged files are not read again.
     """
     told, rig = build(LibraryOptions, given), build(RigFile, given).rig
     out, chosen = told.out, None if rig is None else Rig.load(rig)
@@ -181,7 +181,7 @@ def _turning_points(result: Result, name: str) -> dict[str, float | int | None]:
     example="physretarget face reduce take.csv --error 0.02 --out take.curves.json",
 )
 def reduce_command(capture: CaptureArgument, given: Given) -> None:
-    """Plain key reduction, the baseline that knows no animator."""
+    """Reduce keys without a library, as a baseline."""
     told, rig, out = build(ReductionOptions, given), build(RigFile, given).rig, given["out"]
     error = LARGEST_ERROR if told.error is None and told.keys is None else told.error
     take = read_take(capture, fps=build(Resampling, given).resample)

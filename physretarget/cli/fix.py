@@ -24,15 +24,15 @@ from physretarget.validation import RULES, Report, settings_of, validate
 
 @command(app, "fix", FIX, example="physretarget fix walk.csv --model g1.xml --out walk-fixed.npz")
 def fix_command(
-    clips: Annotated[list[Path], typer.Argument(metavar="CLIP...", help="Clips to mend.")],
+    clips: Annotated[list[Path], typer.Argument(metavar="CLIP...", help="Clips to repair.")],
     given: Given,
 ) -> None:
-    """Mend clips by the least change.
+    """Repair clips by the smallest change.
 
-    Single frames that are off, jumps of the root, noise and joint limits first; then slide, float,
-    sink and lean, by the least change of the whole body. Which bodies stand is found in the clip.
-    Prints the verdict before and after, and how far the pose was moved. Exit code 1 if errors
-    remain.
+    First repairs single bad frames, jumps of the root, noise and joint limits; then slide, float,
+    penetration and lean, by the smallest change of the whole body. Which bodies stand is found in
+    the clip. Prints the verdict before and after, and how far the pose was moved. Exit code 1 if
+    errors remain.
     """
     output = build(FixOutput, given)
     several = len(clips) > 1

@@ -22,11 +22,11 @@ CaptureArgument = Annotated[Path, typer.Argument(metavar="CAPTURE", help=f"A {CA
 
 @command(app, "forces", FORCES, example="physretarget forces run.trc --mass 71.5 --out run.mot")
 def forces_command(source: CaptureArgument, given: Given) -> None:
-    """Ground forces of a capture, per foot, without plates.
+    """Estimate the ground forces of a capture without force plates.
 
-    Force, centre of pressure and free moment of each foot. Columns and axes are OpenSim's:
-    y up, ground_force_r_vx … N, ground_force_r_px … m, ground_torque_r_x … N m of the right
-    foot, l for the left. Time is the capture's own.
+    Writes force, centre of pressure and free moment of each foot. Columns and axes are OpenSim's:
+    y up, ground_force_r_vx … in N, ground_force_r_px … in m and ground_torque_r_x … in N m for the
+    right foot, l for the left. Times are those of the capture.
     """
     out: Path = given["out"]
     if out.suffix.lower() not in ENDINGS:

@@ -30,13 +30,15 @@ _PLAIN_M = 0.001  # residuals below a millimetre are not worth a digit
     example="physretarget inspect models/lamp.xml",
 )
 def inspect_command(
-    file: Annotated[Path, typer.Argument(metavar="MODEL.xml|CAPTURE", help="What to look at.")],
+    file: Annotated[
+        Path, typer.Argument(metavar="MODEL.xml|CAPTURE", help="Model or capture to inspect.")
+    ],
     given: Given,
 ) -> None:
     """Audit a character, or show how a capture is read.
 
-    Of a character: mass, inertia, geometry, limits. Of a capture: labels, residuals, unit, up axis,
-    floor, facing, and doubts.
+    For a character: mass, inertia, geometry, limits. For a capture: labels, residuals, unit, up
+    axis, floor, heading and doubts.
     """
     output = build(InspectionOutput, given)
     if file.suffix.lower() in _MODELS:

@@ -34,8 +34,8 @@ Files = Annotated[list[Path], typer.Argument(metavar="FILE...", help="Key pose f
 def check_command(files: Files, given: Given) -> None:
     """Check key pose files.
 
-    Joint limits, the floor, planted points, headings, pairs that contradict each other. Exit
-    code 1 if a pose cannot be learned from.
+    Looks at joint limits, the floor, planted points, headings, and pairs that contradict each
+    other. Exit code 1 if a pose cannot be used for learning.
     """
     model = Character.load(given["character"])
     poses = load_keyposes(files, model)
@@ -61,7 +61,7 @@ def plant_command(
 ) -> None:
     """Put key poses down on the floor, planted points first.
 
-    Each pose moves as little as it can, within the joints' limits.
+    Each pose moves as little as possible, within joint limits.
     """
     told = build(PlantOptions, given)
     model = Character.load(given["character"])

@@ -58,11 +58,14 @@ def reproduce_command(
     processes: Annotated[
         int,
         typer.Option(
-            "--processes", metavar="N", min=1, help="How many takes at a time (yamane2010)."
+            "--processes",
+            metavar="N",
+            min=1,
+            help="Number of takes processed in parallel (yamane2010).",
         ),
     ] = 2,
 ) -> None:
-    """Make a paper's figures and tables from real data."""
+    "Make a paper's figures and tables from real data."
     one_of(paper, tuple(PAPERS), "PAPER")
     with progress(f"reproduce {paper}") as step:
         written = PAPERS[paper](data, out, processes, step)

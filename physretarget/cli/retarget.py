@@ -42,7 +42,7 @@ CapturesArgument = Annotated[
 def learn_command(given: Given) -> None:
     """Learn a mapper from key poses, once for many captures.
 
-    What it writes goes to retarget --mapper and stream --mapper.
+    Use the file with `retarget --mapper` and `stream --mapper`.
     """
     out: Path = given["out"]
     _ends_in_npz(out)
@@ -61,10 +61,10 @@ def learn_command(given: Given) -> None:
 def retarget_command(captures: CapturesArgument, given: Given) -> None:
     """Turn captures into clips of a character.
 
-    Needs key poses (--keyposes), or what learn made of them (--mapper MAPPER.npz). The stages:
-    mapped (poses), placed (the way over the floor), contacted (feet), physical (the root's
-    height), balanced; and on demand simulated (what MuJoCo plays, docs/validate.md), whose proof
-    goes beside the clip as NAME.sim.npz.
+    Needs key poses (--keyposes) or a learned mapper (--mapper MAPPER.npz). The stages are mapped
+    (poses), placed (the path over the floor), contacted (feet), physical (the root's height) and
+    balanced (the whole body). With --until simulated MuJoCo plays the clip, and the proof is
+    written beside it as NAME.sim.npz (docs/validate.md).
     """
     out: Path = given["out"]
     _no_folders(captures)

@@ -35,7 +35,7 @@ History = Annotated[
     typer.Option(
         "--history",
         metavar="URL",
-        help="Database, if not in --data: sqlite:///FILE or postgresql://…/DB.",
+        help="Database, if it is not in --data: sqlite:///FILE or postgresql://…/DB.",
     ),
 ]
 _DATA = Path("physretarget-data")
@@ -48,21 +48,24 @@ def serve_command(
         typer.Option(
             "--host",
             metavar="ADDRESS",
-            help="Where to listen; beyond this machine only once a token is made.",
+            help=("Address to listen on; other than this machine only after a token was " "made."),
         ),
     ] = "127.0.0.1",
     port: Annotated[
-        int, typer.Option("--port", metavar="N", min=0, max=65535, help="0 takes a free one.")
+        int,
+        typer.Option(
+            "--port", metavar="N", min=0, max=65535, help="Port to listen on; 0 picks a free one."
+        ),
     ] = 8000,
     data: Data = _DATA,
     history: History = None,
     workers: Annotated[int, typer.Option(
-        "--workers", metavar="N", min=1, max=64, help="Jobs at a time.")] = 2,
+        "--workers", metavar="N", min=1, max=64, help="Number of jobs run in parallel.")] = 2,
     name: Annotated[
         list[str] | None,
         typer.Option(
             "--name", metavar="HOST",
-            help="A public name, such as that of a proxy, which needs tokens; may be given several "
+            help="Public host name, for example of a proxy; requires tokens. May be given several "
             "times.",
         ),
     ] = None,
@@ -70,21 +73,21 @@ def serve_command(
         list[str] | None,
         typer.Option(
             "--limit", metavar="NAME=VALUE",
-            help="A bound of uploads and jobs (upload_bytes, seconds, memory_bytes, …); may be "
-            "given several times.",
+            help="Limit on uploads and jobs (upload_bytes, seconds, memory_bytes, …); may be given "
+            "several times.",
         ),
     ] = None,
     rate: Annotated[
         float, typer.Option("--rate", metavar="N", min=0,
-            help="Requests a minute of one caller; 0: any number.")
+            help="Requests per minute and caller; 0 is unlimited.")
     ] = 1200,
     reserve: Annotated[
         int, typer.Option("--reserve", metavar="MB", min=0,
-            help="Free disk that is kept: below it nothing is taken in and no job begins.")
+            help=("Free disk space in MB to keep: below it uploads are refused and jobs " "wait."))
     ] = 256,
     tls_cert: Annotated[
         Path | None, typer.Option("--tls-cert", metavar="FILE.pem", exists=True, dir_okay=False,
-            help="Certificate, with its chain: serve https.")
+            help="TLS certificate with its chain; the service then speaks https.")
     ] = None,
     tls_key: Annotated[
         Path | None, typer.Option("--tls-key", metavar="FILE.pem", exists=True, dir_okay=False,
@@ -93,7 +96,7 @@ def serve_command(
 ) -> None:  # fmt: skip
     """Judge and retarget over HTTP, with a web page.
 
-    Jobs run in confined child processes; docs/service.md has the API.
+    Jobs run in confined child processes. docs/service.md describes the API.
     """
     _check_extra()
     from physretarget.listen import address, is_loopback, listen
@@ -126,12 +129,16 @@ def serve_command(
 
 @command(group, "create", example="physretarget token create --scope submit --name ci")
 def create_command(
-    scope: Annotated[str, typer.Option("--scope", help="What it allows.", **complete(_SCOPES))],
-    name: Annotated[str, typer.Option("--name", metavar="TEXT", help="Whose it is, or what for.")],
+    scope: Annotated[
+        str, typer.Option("--scope", help="What the token allows.", **complete(_SCOPES))
+    ],
+    name: Annotated[
+        str, typer.Option("--name", metavar="TEXT", help="Who uses the token, or what for.")
+    ],
     data: Data = _DATA,
     history: History = None,
 ) -> None:
-    """Make a token and print it, once: only its hash is kept."""
+    """Make a token and print it once; only its hash is stored."""
     one_of(scope, _SCOPES, "--scope")
     if not name.strip() or len(name) > 100 or not name.isprintable():
         raise UsageError("--name must have 1 to 100 printable characters.")
@@ -148,7 +155,7 @@ def create_command(
 def list_command(data: Data = _DATA, history: History = None) -> None:
     """List all tokens.
 
-    Of each its id, scope, when it was made, whether it is revoked, and its name.
+    Shows id, scope, date, whether it is revoked, and name.
     """
     _check_extra()
     for token in _registry(data, history).tokens():
@@ -158,7 +165,9 @@ def list_command(data: Data = _DATA, history: History = None) -> None:
 
 @command(group, "revoke", example="physretarget token revoke 01k9p2…")
 def revoke_command(
-    token: Annotated[str, typer.Argument(metavar="ID", help="As 'token list' shows it.")],
+    token: Annotated[
+        str, typer.Argument(metavar="ID", help="Id of the token, as shown by 'token list'.")
+    ],
     data: Data = _DATA,
     history: History = None,
 ) -> None:
@@ -205,11 +214,11 @@ def _limits(limits: Limits, told: list[str]) -> Limits:
 
 @command(app, "backup", example="physretarget backup --data service --out nightly.tar")
 def backup_command(
-    out: Annotated[Path, typer.Option("--out", metavar="FILE.tar", help="The archive.")],
+    out: Annotated[Path, typer.Option("--out", metavar="FILE.tar", help="Archive to write.")],
     data: Data = _DATA,
     history: History = None,
 ) -> None:
-    """Back up a service: rows and files in one archive."""
+    """Back up a service's database and files into one archive."""
     _check_extra()
     from physretarget.service.backup import back_up
 
@@ -219,11 +228,13 @@ def backup_command(
 
 @command(app, "restore", example="physretarget restore nightly.tar --data /var/lib/other")
 def restore_command(
-    archive: Annotated[Path, typer.Argument(metavar="FILE.tar", help="Of 'backup'.")],
+    archive: Annotated[
+        Path, typer.Argument(metavar="FILE.tar", help="Archive written by 'backup'.")
+    ],
     data: Data = _DATA,
     history: History = None,
 ) -> None:
-    """Make a service's data folder of a backup."""
+    """Restore a service's data folder from a backup."""
     _check_extra()
     from physretarget.service.backup import restore
 

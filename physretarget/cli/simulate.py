@@ -32,9 +32,9 @@ def simulate_command(
 ) -> None:
     """Play a clip forward in MuJoCo, by joint torques.
 
-    Says how far it comes and how near it stays. --out keeps the motion, the torques that make it
-    and feedback gains: ten lines of MuJoCo reproduce it. Exit code 1 where the body is lost before
-    the clip's end. Ctrl-C keeps what was played so far.
+    Reports how far the body gets and how near it stays. --out stores the motion, its torques and
+    feedback gains; ten lines of MuJoCo reproduce it. Exit code 1 if the body is lost before the
+    clip's end. Ctrl-C keeps what was played so far.
     """
     told = build(SimulationOutput, given)
     settings = settings_of(build(SimulationOptions, given))

@@ -41,7 +41,7 @@ Array = NDArray[np.float64]
 def stream_command(given: Given) -> None:
     """Retarget frame by frame: JSON lines in, JSON lines out.
 
-    Reads stdin unless told otherwise; docs/retarget.md has the format of a line.
+    Reads standard input unless another source is given. docs/retarget.md describes a line.
     """
     source, delay = build(StreamSource, given), build(StreamOptions, given).delay
     if source.listen and source.capture:

@@ -34,9 +34,9 @@ def studio_command(
 ) -> None:
     """Pose key poses in the browser.
 
-    Every change is saved at once, and can be taken back. Left the actor, right the character: drag
-    its parts, or set its joints. What to pose next is suggested, and the whole take replays with
-    what is posed so far. Ctrl-C ends it.
+    The actor is on the left, the character on the right: drag its parts or set its joints. Every
+    change is saved at once and can be undone. The studio suggests what to pose next and replays
+    the whole capture with the key poses so far. Press Ctrl-C to stop.
     """
     for package in ("fastapi", "uvicorn"):
         if importlib.util.find_spec(package) is None:

@@ -55,7 +55,7 @@ def suggest_command(
     captures: Annotated[list[Path], typer.Argument(metavar="CAPTURE...", help=f"{CAPTURES}.")],
     given: Given,
 ) -> None:
-    """Say which frames to pose next, best first, and why."""
+    """List which frames to pose next, best first, and why."""
     told = build(SuggestOptions, given)
     model = Character.load(given["character"])
     check_mobile(model)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from physretarget.suite.store import Store
 
 group = typer.Typer(
-    help="Judge a whole library every night, and say what changed.",
+    help="Judge a whole library every night and report what changed.",
     epilog="Example: physretarget suite run nightly.toml",
     no_args_is_help=True,
 )
@@ -37,13 +37,15 @@ History = Annotated[
     typer.Option(
         "--history",
         metavar="URL",
-        help="Database of runs, if not the suite file's: sqlite:///FILE or postgresql://…/DB.",
+        help=(
+            "Database of runs, instead of the suite file's: sqlite:///FILE or postgresql://…/DB."
+        ),
     ),
 ]
 Out = Annotated[
     Path | None,
     typer.Option(
-        "--out", metavar="SITE", help="Folder of the morning report, if not the suite file's."
+        "--out", metavar="SITE", help="Folder for the report, instead of the suite file's."
     ),
 ]
 _TOLD = 20
@@ -55,7 +57,7 @@ def run_command(
     out: Out = None,
     workers: Annotated[
         int | None, typer.Option(
-            "--workers", metavar="N", min=1, help="Processes [default: one a core].")
+            "--workers", metavar="N", min=1, help="Number of processes [default: one per core].")
     ] = None,
     scheduler: Annotated[
         str | None,
@@ -101,7 +103,9 @@ def accept_command(
     suite: File,
     note: Annotated[
         str,
-        typer.Option("--note", metavar="TEXT", help="Why it is accepted; shown in every report."),
+        typer.Option(
+            "--note", metavar="TEXT", help="Why it is accepted; every report shows this note."
+        ),
     ] = "",
     clip: Annotated[
         list[str] | None,
@@ -146,7 +150,7 @@ def report_command(
     ] = None,
     history: History = None,
 ) -> None:
-    """Write a run's report again; nothing is judged anew."""
+    """Write a run's report again, without judging anything."""
     from physretarget.suite.site import write_site
 
     told = _suite(suite, history)

@@ -51,11 +51,11 @@ def validate_command(
     """Judge clips, or all clips of a folder, by physics.
 
     Several clips make one document: a summary (text), an array of reports (json), one run (sarif),
-    a suite per clip (junit), a row a clip (csv, parquet). With a folder as --out each clip has a
-    report of its own there, as HTML always has.
+    a suite per clip (junit), or a row per clip (csv, parquet). If --out is a folder, each clip gets
+    its own report there; HTML always needs a folder for several clips.
 
-    A clip passes, fails or is not judged, where the forces of the floor could not be: --require
-    dynamics makes that a failure too. Exit code 1 if one fails, 2 if one could not be read.
+    A clip passes, fails, or is not judged if the floor's forces could not be determined; --require
+    dynamics makes that a failure too. Exit code 1 if a clip fails, 2 if one could not be read.
     """
     told = build(ReportOptions, given)
     several = len(clips) > 1 or clips[0].is_dir()
@@ -204,7 +204,7 @@ def rules_command(
         str | None,
         typer.Argument(
             metavar="[CODE]",
-            help="One rule.",
+            help="Code of one rule.",
             autocompletion=lambda incomplete: [c for c in BY_CODE if c.startswith(incomplete)],
         ),
     ] = None,

@@ -19,37 +19,48 @@ LARGEST_ERROR = 0.02  # of what a channel moves
 class ChannelOptions:
     """Which channels are keyed."""
 
-    lips: bool = option(False, help="Key the lips too, which are left to the capture.")
+    lips: bool = option(
+        False, help="Also set keys on the lips, which are otherwise left to the capture."
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class MatchOptions(ChannelOptions):
     """The animator's two sliders and what else can be chosen."""
 
-    method: Method = option("distance", help="Measure of likeness, for --preset.")
+    method: Method = option("distance", help="Similarity measure, with --preset.")
     fidelity: float = option(
-        0.01, help="Deviation never worth a key, as a share of what a channel moves.", above=0
+        0.01,
+        help="Deviation that is never worth a key, as a share of the channel's motion.",
+        above=0,
     )
-    key_cost: float = option(7.0, help="Price of a key, in nats: higher is sparser.", above=0)
+    key_cost: float = option(7.0, help="Price of a key in nats; higher gives fewer keys.", above=0)
     max_error: float | None = option(
         None,
-        help="Largest deviation from the capture at any frame, as a share of what a channel moves; "
-        "kept by adding keys.",
+        help=(
+            "Largest deviation from the capture at any frame, as a share of the "
+            "channel's motion. Keys are added until it holds."
+        ),
         above=0,
         default_text="none",
     )
     preset: Preset | None = option(
         None,
-        help="The paper as written: segments of past curves, longest first, by --method.",
+        help=(
+            "The paper's method as written: segments of past curves, longest first, "
+            "compared by --method."
+        ),
         default_text="none",
     )
     tau: float = option(
         0.05,
-        help="Of the preset: largest misfit of a segment, as a share of what a channel moves.",
+        help=("With --preset: largest misfit of a segment, as a share of the channel's motion."),
         above=0,
     )
-    word: int = option(8, help="Of SAX: symbols in a word.", least=2)
-    alphabet: int = option(8, help="Of SAX: different symbols, 3 to 10.", least=3, most=10)
+    word: int = option(8, help="With --method sax: symbols per word.", least=2)
+    alphabet: int = option(
+        8, help="With --method sax: number of different symbols, 3 to 10.", least=3, most=10
+    )
 
     def __post_init__(self) -> None:
         check(self)
@@ -60,10 +71,18 @@ class RangeOptions:
     """Which part of a capture is matched."""
 
     start: float | None = option(
-        None, help="Of the range.", unit="s", least=0, default_text="the beginning"
+        None,
+        help="First or last second of the take that is matched.",
+        unit="s",
+        least=0,
+        default_text="the beginning",
     )
     end: float | None = option(
-        None, help="Of the range.", unit="s", above=0, default_text="the end"
+        None,
+        help="First or last second of the take that is matched.",
+        unit="s",
+        above=0,
+        default_text="the end",
     )
 
     def __post_init__(self) -> None:
@@ -72,10 +91,13 @@ class RangeOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class RigFile:
-    """From capture to rig channels."""
+    "Rig file that maps capture channels to rig channels."
 
     rig: Path | None = option(
-        None, help="From capture to rig channels.", metavar="RIG.toml", default_text="ARKit's"
+        None,
+        help="Rig file that maps capture channels to rig channels.",
+        metavar="RIG.toml",
+        default_text="ARKit's",
     )
 
 
@@ -83,9 +105,9 @@ class RigFile:
 class LibraryFiles:
     """What is matched against, and what stays."""
 
-    library: Path = option(help="Written by face library.", metavar="LIB.npz")
+    library: Path = option(help="Library written by `face library`.", metavar="LIB.npz")
     locked: Path | None = option(
-        None, help="Keyed curves whose keys stay as they are.", metavar="FILE"
+        None, help="File of keyed curves whose keys must not change.", metavar="FILE"
     )
 
 
@@ -93,7 +115,9 @@ class LibraryFiles:
 class CurvesFile:
     """Where curves go."""
 
-    out: Path = option(help="Curves to write; the ending is the format.", metavar="FILE")
+    out: Path = option(
+        help="File of curves to write; its suffix selects the format.", metavar="FILE"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,14 +131,16 @@ class MatchReport:
 class ReductionOptions(ChannelOptions):
     """Plain key reduction."""
 
-    how: Reducer = option("decimate", help="Which reduction.")
+    how: Reducer = option("decimate", help="Method of reduction.")
     error: float | None = option(
         None,
-        help="Largest error, as a share of what a channel moves.",
+        help="Largest error, as a share of the channel's motion.",
         above=0,
         default_text=f"{LARGEST_ERROR:g}, without --keys",
     )
-    keys: int | None = option(None, help="Keys per channel, instead of --error.", least=2)
+    keys: int | None = option(
+        None, help="Number of keys per channel; use this or --error.", least=2
+    )
 
     def __post_init__(self) -> None:
         check(self)
@@ -124,6 +150,8 @@ class ReductionOptions(ChannelOptions):
 class LibraryOptions:
     """How a library is collected."""
 
-    out: Path = option(help="The library.", metavar="LIB.npz")
-    min_keys: int = option(4, help="Curves are halved as long as both have so many keys.", least=2)
-    list: bool = option(False, help="Print every shot in it.")
+    out: Path = option(help="Library file to write.", metavar="LIB.npz")
+    min_keys: int = option(
+        4, help="Halve curves until a half would have fewer keys than this.", least=2
+    )
+    list: bool = option(False, help="List every shot of the library.")

@@ -18,7 +18,7 @@ class ForcesOptions:
     lowpass_hz: float | None = option(
         10.0,
         name="lowpass",
-        help="Low-pass filter on the capture; 0 for none.",
+        help="Cut-off of the low-pass filter on the capture; 0 turns it off.",
         unit="Hz",
         above=0,
         most=1000,
@@ -34,9 +34,7 @@ class ForcesOptions:
 class ForcesOutput:
     """Where forces go."""
 
-    out: Path = option(
-        help="Table to write: .mot (OpenSim) or .csv, by its ending.", metavar="FILE"
-    )
+    out: Path = option(help="Table to write: .mot (OpenSim) or .csv.", metavar="FILE")
     report: Path | None = option(
-        None, help="A picture of the forces over time, too.", metavar="FILE.png"
+        None, help="Also draw the forces over time into this picture.", metavar="FILE.png"
     )  # fmt: skip

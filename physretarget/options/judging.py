@@ -22,8 +22,10 @@ class JudgingOptions:
 
     profile: Profile = option(
         "animation",
-        help="Thresholds: animation forgives what viewers do not see; robot also "
-        "judges torques and joint limits as a machine's.",
+        help=(
+            "Set of thresholds. animation forgives what viewers do not see; robot "
+            "also judges torques and the joint limits of a machine."
+        ),
     )
     friction: float | None = option(
         None,
@@ -36,7 +38,7 @@ class JudgingOptions:
     contact_tolerance_m: float | None = option(
         None,
         name="contact_tolerance",
-        help="What is this close to the floor touches it.",
+        help="Geometry this close to the floor counts as touching it.",
         unit="m",
         above=0,
         most=1,
@@ -45,7 +47,7 @@ class JudgingOptions:
     )
     select: tuple[str, ...] = option(
         (),
-        help="Codes of rules, or their beginnings, to apply and no others.",
+        help="Apply only rules with these codes or beginnings of codes.",
         metavar="CODE,…",
         default_text="all",
         advanced=True,
@@ -53,7 +55,7 @@ class JudgingOptions:
     )
     ignore: tuple[str, ...] = option(
         (),
-        help="Codes of rules, or their beginnings, to leave out.",
+        help="Skip rules with these codes or beginnings of codes.",
         metavar="CODE,…",
         advanced=True,
         label="Ignore findings",
@@ -61,12 +63,12 @@ class JudgingOptions:
     limits: Mapping[str, Mapping[str, float]] = option(
         {},
         name="thresholds",
-        help="Limits of rules.",
+        help="Override limits of rules.",
         metavar="CODE.NAME=NUMBER,…",
         advanced=True,
     )
     severity: Mapping[str, Severity] = option(
-        {}, help="Severities of rules.", metavar="CODE=error|warning,…", advanced=True
+        {}, help="Override severities of rules.", metavar="CODE=error|warning,…", advanced=True
     )  # fmt: skip
 
     def __post_init__(self) -> None:
@@ -80,8 +82,10 @@ class ValidationOptions(JudgingOptions):
     lowpass_hz: float | None = option(
         None,
         name="lowpass",
-        help="Low-pass the clip before judging, for recorded or generated "
-        "noise; 6 suits most, 0 is none.",
+        help=(
+            "Cut-off of a low-pass filter before judging, for recorded or generated "
+            "noise. 6 suits most clips; 0 turns it off."
+        ),
         unit="Hz",
         above=0,
         most=1000,
@@ -91,42 +95,61 @@ class ValidationOptions(JudgingOptions):
     )
     simulate: bool = option(
         False,
-        help="Also play the clip forward in MuJoCo, without and with assist: rules and measures "
-        "SIM. Takes seconds per second.",
+        help=(
+            "Also play the clip forward in MuJoCo, without and with assist, for the "
+            "SIM rules. Takes several seconds per second of motion."
+        ),
     )
     stands: bool = option(
         False,
-        help="A model that is fixed to the world only stands on its floor: judge whether it tips "
-        "over or slips.",
+        help=(
+            "The model is fixed to the world in the file but only stands on its "
+            "floor: judge whether it tips over or slips."
+        ),
     )
     also_literature: bool = option(
-        False, name="also", word="literature", help="Other tools' numbers too.", advanced=True,
+        False,
+        name="also",
+        word="literature",
+        help="Also print the measures of other tools, for comparison.",
+        advanced=True,
         label="Also report",
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class ConfigFile:
     """Rules and thresholds from a file."""
 
-    config: Path | None = option(None, help="Rules and thresholds.", metavar="FILE.toml")
+    config: Path | None = option(None, help="File of rules and thresholds.", metavar="FILE.toml")
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReportOptions:
     """What becomes of the reports on the command line."""
 
-    baseline: Path | None = option(None, help="Findings accepted earlier.", metavar="FILE.json")
-    accept: Path | None = option(None, help="Write findings as a baseline.", metavar="FILE.json")
-    format: Format = option("text", help="Of the report.")
-    fail_on: Severity = option("error", help="What makes the exit code 1.")
+    baseline: Path | None = option(
+        None,
+        help="Findings that were accepted earlier and are not reported again.",
+        metavar="FILE.json",
+    )
+    accept: Path | None = option(
+        None,
+        help="Write the findings into this file, to be used as --baseline.",
+        metavar="FILE.json",
+    )
+    format: Format = option("text", help="Format of the report.")
+    fail_on: Severity = option("error", help="Lowest severity that makes the exit code 1.")
     require: tuple[Require, ...] = option(
-        (), help="What must have been judged: the exit code is 1 where it could not be."
+        (), help="What must be judged; the exit code is 1 if it could not be."
     )
     where: str | None = option(
         None,
-        help="Report and copy only clips whose row in the table (--format csv) meets this, as in "
-        "\"unexplained_force_rms_bw < 0.3 and verdict == 'passed'\". The exit code is that of all.",
+        help=(
+            "Report and copy only clips whose row in the table (--format csv) meets "
+            'this condition, for example "unexplained_force_rms_bw < 0.3 and verdict '
+            "== 'passed'\". The exit code still counts all clips."
+        ),
         metavar="CONDITION",
         default_text="all",
     )
@@ -135,8 +158,8 @@ class ReportOptions:
     )
     out: Path | None = option(
         None,
-        help="Of several clips: a file for all (all.json), or a folder with a report of each.",
+        help="File for the report, or for several clips a folder with one report each.",
         metavar="FILE|FOLDER",
         default_text="stdout",
     )
-    jobs: int = option(1, help="Clips judged at a time.", least=1, metavar="N")  # fmt: skip
+    jobs: int = option(1, help="Number of clips judged in parallel.", least=1, metavar="N")

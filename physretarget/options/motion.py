@@ -26,7 +26,7 @@ class ClipOptions:
 
     fps: float | None = option(
         None,
-        help="Frames per second of a file that does not say.",
+        help="Frames per second, for files that do not state it.",
         unit="fps",
         above=0,
         most=10_000,
@@ -35,13 +35,13 @@ class ClipOptions:
     )
     quat: Quat | None = option(
         None,
-        help="Order of the root's quaternion in a file that does not say.",
+        help="Order of the root's quaternion, for files that do not state it.",
         default_text="detected",
         label="Quaternions",
     )
     unit: str | None = option(
         None,
-        help="Length unit of the file; or metres per unit, as in 0.0254.",
+        help="Length unit of the file, or metres per unit (for example 0.0254).",
         choices=tuple(CLIP_UNITS),
         or_metres=True,
         default_text="m",
@@ -49,7 +49,7 @@ class ClipOptions:
         label="Length unit",
     )
     joint_order: JointOrder | None = option(
-        None, help="Order of the joints in a file that does not name them; simulators differ.",
+        None, help="Order of the joints, for files that do not name them.",
         default_text="detected", advanced=True,
     )  # fmt: skip
 
@@ -63,8 +63,10 @@ class CaptureOptions:
 
     unit: str | None = option(
         None,
-        help="The capture's length unit; or metres per unit, as in 0.0254. The CMU "
-        "database's AMC files have cmu.",
+        help=(
+            "Length unit of the capture, or metres per unit (for example 0.0254). "
+            "AMC files of the CMU database use cmu."
+        ),
         choices=tuple(CAPTURE_UNITS),
         or_metres=True,
         default_text="guessed",
@@ -73,32 +75,50 @@ class CaptureOptions:
     )
     up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = option(
         None,
-        help="The capture's up axis.",
+        help="Up axis of the capture.",
         default_text="guessed",
         metavar="[-]x|y|z",
         advanced=True,
         label="Up axis",
     )
     mass: float | None = option(
-        None, help="The actor's mass.", unit="kg", least=5, most=500,
+        None, help="Actor mass in kg.", unit="kg", least=5, most=500,
         default_text="from the stature", advanced=True, label="Actor's mass",
     )  # fmt: skip
     subject: str | None = option(
-        None, help="Whom to take of several people: the name before the colon of labels or joints, "
-        "or a number from 1.", default_text="the first, or the best marked", advanced=True,
-    )  # fmt: skip
+        None,
+        help=(
+            "Which person to use if there are several: the name before the colon in "
+            "labels or joints, or a number from 1."
+        ),
+        default_text="the first, or the best marked",
+        advanced=True,
+    )
     rate: float | None = option(
-        None, help="Frame rate of a capture that does not say.", unit="fps", least=1, most=1000,
-        default_text="from the file", advanced=True, label="Capture's frame rate",
-    )  # fmt: skip
+        None,
+        help="Frames per second, for captures that do not state it.",
+        unit="fps",
+        least=1,
+        most=1000,
+        default_text="from the file",
+        advanced=True,
+        label="Capture's frame rate",
+    )
     hold_floor: bool = option(
-        False, help="Take out the motion of a floor that moves: a treadmill's belt, a drift.",
-        advanced=True, label="Hold the floor still",
-    )  # fmt: skip
+        False,
+        help=("Remove the motion of a moving floor, such as a treadmill's belt or drift."),
+        advanced=True,
+        label="Hold the floor still",
+    )
     on_doubt: Literal["note", "fail"] = option(
-        "note", help="What to do with a capture that could not be a human's on a floor.",
-        advanced=True, label="On doubt",
-    )  # fmt: skip
+        "note",
+        help=(
+            "What to do with a capture that no human on a floor could have made: "
+            "note prints the doubt, fail refuses it."
+        ),
+        advanced=True,
+        label="On doubt",
+    )
 
     def __post_init__(self) -> None:
         check(self)
@@ -108,9 +128,9 @@ class CaptureOptions:
 class InspectionOutput:
     """How an inspection is shown."""
 
-    format: Literal["text", "json"] = option("text", help="How to write what was found.")
+    format: Literal["text", "json"] = option("text", help="Format of the output.")
     picture: Path | None = option(
-        None, help="Draw the capture and the actor fitted to it.", metavar="FILE.png"
+        None, help="Draw the capture and the fitted actor into this picture.", metavar="FILE.png"
     )
 
 
@@ -119,7 +139,9 @@ class SkeletonFile:
     """The second file of an AMC capture."""
 
     skeleton: Path | None = option(
-        None, help="Skeleton of an AMC capture, if it is not beside it.", metavar="FILE.asf"
+        None,
+        help="Skeleton of an AMC capture, if it is not in the same folder.",
+        metavar="FILE.asf",
     )
 
 
@@ -128,9 +150,14 @@ class Resampling:
     """The rate at which a capture is played."""
 
     resample: float | None = option(
-        None, help="Bring the capture to this many frames per second first.", unit="fps", least=1,
-        most=1000, default_text="as recorded", aliases=("fps",),
-    )  # fmt: skip
+        None,
+        help="Resample the capture to this many frames per second first.",
+        unit="fps",
+        least=1,
+        most=1000,
+        default_text="as recorded",
+        aliases=("fps",),
+    )
 
     def __post_init__(self) -> None:
         check(self)
@@ -162,15 +189,17 @@ class ConversionOptions:
         aliases=("character",),
         metavar="MODEL.xml",
     )
-    to_quat: Quat = option("xyzw", help="Quaternion order of OUT, if it is a csv.")
-    header: bool = option(False, help="Begin a csv with names, and give it a time column.")
+    to_quat: Quat = option("xyzw", help="Quaternion order of OUT if it is a csv file.")
+    header: bool = option(False, help="Write a header line and a time column into a csv file.")
 
 
 @dataclass(frozen=True, kw_only=True)
 class FixOutput:
     """Where mended clips go."""
 
-    out: Path = option(help="The mended clip, an .npz file; a folder for several.", metavar="FIXED")
+    out: Path = option(
+        help="File for the mended clip (.npz), or a folder for several clips.", metavar="FIXED"
+    )
     report: Path | None = option(
         None, help="Folder for a page with the clip before and after, side by side.", metavar="DIR"
     )
@@ -180,11 +209,17 @@ class FixOutput:
 class ReplayOptions:
     """Where a clip is shown."""
 
-    video: Path | None = option(None, help="Write a film; needs no display.", metavar="F.mp4")
-    html: Path | None = option(None, help="Write one page for any browser.", metavar="F.html")
-    web: bool = option(False, help="Serve the page on this machine.")
-    port: int = option(0, help="Port of --web; 0 takes a free one.", least=0, most=65535)
-    report: Path | None = option(
-        None, help="Findings from this report instead of judging now.", metavar="FILE.json"
+    video: Path | None = option(None, help="Write a film; no display is needed.", metavar="F.mp4")
+    html: Path | None = option(
+        None, help="Write a single HTML page that plays in any browser, offline.", metavar="F.html"
     )
-    speed: float = option(1.0, help="Of window and film; 0.25 is slow motion.", above=0, most=100)
+    web: bool = option(False, help="Serve the page on this machine.")
+    port: int = option(0, help="Port for --web; 0 picks a free one.", least=0, most=65535)
+    report: Path | None = option(
+        None,
+        help="Show the findings of this report instead of judging the clip now.",
+        metavar="FILE.json",
+    )
+    speed: float = option(
+        1.0, help="Speed of window and film; 0.25 is slow motion.", above=0, most=100
+    )

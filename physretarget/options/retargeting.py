@@ -45,21 +45,28 @@ class MapperOptions:
 
     mapper: str = option(
         "sgplvm",
-        help="What to learn from the key poses: sgplvm is the paper's, the others are "
-        "baselines (Gaussian process, ridge regression, linear map, nearest key poses).",
+        help=(
+            "Method to learn from the key poses: sgplvm is the paper's; the others "
+            "are baselines (Gaussian process, ridge regression, linear map, nearest "
+            "key poses)."
+        ),
         choices=MAPPERS,
     )
     dims: int = option(
         30,
-        help="Latent dimensions of sgplvm and pca, fewer than key poses.",
+        help="Latent dimensions of sgplvm and pca; must be fewer than the key poses.",
         least=1,
         most=200,
         advanced=True,
         label="Latent dimensions",
     )
     seed: int = option(
-        0, help="Of learning: same seed, same mapper.", least=0, most=2**31 - 1, advanced=True
-    )  # fmt: skip
+        0,
+        help="Random seed of learning; the same seed gives the same mapper.",
+        least=0,
+        most=2**31 - 1,
+        advanced=True,
+    )
 
     def __post_init__(self) -> None:
         check(self)
@@ -70,10 +77,15 @@ class MapperSource(MapperOptions):
     """A mapper to learn, or one that was learned before."""
 
     mapper: str = option(
-        "sgplvm", help="What to learn from the key poses; sgplvm is the paper's, the others are "
-        "baselines.", choices=MAPPERS, or_file=".npz",
+        "sgplvm",
+        help=(
+            "Method to learn from the key poses, or a file that `learn` wrote. "
+            "sgplvm is the paper's; the others are baselines."
+        ),
+        choices=MAPPERS,
+        or_file=".npz",
         metavar="|".join(MAPPERS) + "|MAPPER.npz",
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,8 +94,10 @@ class PresetOption:
 
     preset: Preset = option(
         "default",
-        help="yamane2010: the paper end to end, its literal parameters, no later stage; options "
-        "that are given besides still count.",
+        help=(
+            "yamane2010 reproduces the paper: its printed parameters, and no later "
+            "stage. Other options given with it still count."
+        ),
     )
 
     def __post_init__(self) -> None:
@@ -107,49 +121,71 @@ class RetargetSettings:
 
     until: Stage = option(
         "balanced",
-        help="Last stage to run; simulated: what MuJoCo makes of the clip, seconds per second.",
+        help=(
+            "Last stage to run. simulated lets MuJoCo play the clip and takes "
+            "several seconds per second of motion."
+        ),
         advanced=True,
         label="Last stage",
     )
     physics: Physics = option(
-        "default", help="How stage physical finds the root's height; paper: as Yamane 2010 does."
+        "default",
+        help=(
+            "How the stage physical finds the root's height; paper uses the printed "
+            "parameters of Yamane 2010."
+        ),
     )
     solver: Solver = option(
         "banded",
-        help="What solves the root's height: linear in the clip's length, or IPOPT, slower, as a "
-        "second opinion.",
+        help=(
+            "Solver for the root's height: banded is linear in the clip's length; "
+            "ipopt is slower and serves as a second opinion."
+        ),
         advanced=True,
     )
     heading: Heading = option(
         "actor",
-        help="What the character's facing follows: the actor's, or angular momentum (the paper).",
+        help=(
+            "What the character's heading follows: the actor's heading, or angular "
+            "momentum (the paper)."
+        ),
         advanced=True,
     )
     blend: Blend = option(
         "ballistic",
-        help="How corrections of feet go over flights: linearly, or by eq. (9) (the paper).",
+        help=(
+            "How foot corrections are blended during flights: linearly (ballistic), "
+            "or by eq. (9) of the paper."
+        ),
         advanced=True,
     )
     search: Search = option(
         "guided",
-        help="How sgplvm finds a frame's latent point: led by a regression, or from the nearest "
-        "key pose, its variance not calibrated (the paper).",
+        help=(
+            "How sgplvm finds a frame's latent point: guided by a regression, or "
+            "from the nearest key pose with uncalibrated variance (the paper)."
+        ),
         advanced=True,
     )
     markers: Markers = option(
         "reference",
-        help="Whose markers are mapped: the reference actor's in the actor's pose, or the actor's "
-        "own (the paper).",
+        help=(
+            "Whose markers are mapped: those of the reference actor in the actor's "
+            "pose, or the actor's own (the paper)."
+        ),
         advanced=True,
     )
     tail: Tail = option(
         "mapped",
-        help="Joints that the model names as passive: posed by the mapper, or left to swing.",
+        help=(
+            "What moves the joints that the model declares passive: the mapper, or "
+            "their own springs."
+        ),
         advanced=True,
     )
     start: float | None = option(
         None,
-        help="Begin at this time of the capture.",
+        help="Start at this time of the capture.",
         unit="s",
         least=0,
         default_text="its beginning",
@@ -159,23 +195,30 @@ class RetargetSettings:
     )
     exaggerate: float = option(
         1.0,
-        help="How far poses go from the clip's mean pose: 1.5 is half as far again. Joint limits "
-        "and gravity hold all the same.",
+        help=(
+            "Scale the poses' distance from the clip's mean pose; 1.5 is half as far "
+            "again. Joint limits and gravity still hold."
+        ),
         least=0,
         most=3,
     )
     max_hop: float | None = option(
         None,
-        help="Let no hop rise higher than this many times the character's height: longer flights "
-        "are played faster, for time in the air decides how high a hop is.",
+        help=(
+            "Largest height of a hop, as a multiple of the character's height. "
+            "Longer flights are played faster, since time in the air decides how "
+            "high a hop is."
+        ),
         above=0,
         most=100,
         default_text="as high as the actor's flights last",
     )
     strength: Mapping[str, float] = option(
         {},
-        help="How much of a stage's change is made, STAGE=0 to 1, as in balanced=0.5: "
-        "less keeps more of the acting, and more of what physics forbids.",
+        help=(
+            "Share of a stage's change to make, for example balanced=0.5. Less keeps "
+            "more of the acting and more of what physics forbids."
+        ),
         keys=DIALLED,
         least=0,
         most=1,
@@ -183,15 +226,17 @@ class RetargetSettings:
     )
     keep: tuple[str, ...] = option(
         (),
-        help="Seconds of the clip that stages physical and balanced leave alone; may be given "
-        "several times.",
+        help=(
+            "Seconds of the clip that the stages physical and balanced leave "
+            "unchanged; may be given several times."
+        ),
         span=True,
         metavar="START:END",
     )
     fps: float | None = option(
         None,
         name="resample",
-        help="Bring the capture, and so the clip, to this many frames per second.",
+        help="Resample the capture, and so the clip, to this many frames per second.",
         unit="fps",
         least=1,
         most=1000,
@@ -202,7 +247,7 @@ class RetargetSettings:
     lowpass_hz: float | None = option(
         6.0,
         name="lowpass",
-        help="Low-pass filter on the capture; 0 for none.",
+        help="Cut-off of the low-pass filter on the capture; 0 turns it off.",
         unit="Hz",
         above=0,
         most=1000,
@@ -250,12 +295,13 @@ class RetargetOutput:
     """Where clips and their reports go."""
 
     out: Path = option(
-        help="Clip to write (.npz), or a folder; several captures need a folder.", metavar="PATH"
+        help="Clip to write (.npz), or a folder for several captures.", metavar="PATH"
     )
     report: Path | None = option(
-        None, help="Folder for a page with verdict and replay; of several captures a folder each "
-        "in it.", metavar="FOLDER",
-    )  # fmt: skip
+        None,
+        help=("Folder for a page with verdict and replay; several captures get a subfolder each."),
+        metavar="FOLDER",
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -263,7 +309,7 @@ class PhasesFile:
     """Contact phases set by hand."""
 
     contacts: Path | None = option(
-        None, help="When which foot stands, set by hand.", metavar="FILE.toml",
+        None, help="When each foot stands, set by hand.", metavar="FILE.toml",
         default_text="detected",
     )  # fmt: skip
 
@@ -274,8 +320,10 @@ class StreamOptions:
 
     delay: float = option(
         0.0,
-        help="Poses come so much later than their frames, and nearer to retarget's; looking "
-        "farther ahead than a few steps brings them no nearer.",
+        help=(
+            "Delay of the poses. A longer delay brings them nearer to the result of "
+            "`retarget`; beyond a few steps it gains nothing."
+        ),
         unit="s",
         least=0,
         most=LONGEST_DELAY,
@@ -289,12 +337,14 @@ class StreamOptions:
 class StreamSource:
     """Where the mapper and the frames come from."""
 
-    mapper: Path = option(help="Written by learn.", metavar="MAPPER.npz")
+    mapper: Path = option(help="Mapper written by `learn`.", metavar="MAPPER.npz")
     character: Path | None = option(
         None,
-        help="Its MJCF file, unless it came with the package.",
+        help="The character's MJCF file, unless it came with the package.",
         aliases=("model",),
         metavar="MODEL.xml",
     )
-    listen: str | None = option(None, help="Serve a TCP socket, not stdin.", metavar="HOST:PORT")
+    listen: str | None = option(
+        None, help="Listen on a TCP socket instead of stdin.", metavar="HOST:PORT"
+    )
     capture: Path | None = option(None, help="Play this capture instead of stdin.")

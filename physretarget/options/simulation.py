@@ -15,13 +15,17 @@ class SimulationOptions:
 
     assist: bool = option(
         False,
-        help="Let a wrench on the root help a simulation, as little as keeps it on track: faster, "
-        "not exact.",
+        help=(
+            "Let a wrench on the root help the simulation, as little as keeps the "
+            "body on track: faster, but not exact."
+        ),
     )
     budget: float | None = option(
         None,
-        help="CPU-seconds of a simulation per second of the clip; beyond, plans are coarser, and "
-        "no run is like another.",
+        help=(
+            "CPU-seconds of simulation per second of the clip. Beyond that, plans "
+            "are coarser and runs differ."
+        ),
         unit="s",
         above=0,
         most=1000,
@@ -29,9 +33,14 @@ class SimulationOptions:
         advanced=True,
     )
     seed: int = option(
-        0, help="Of the noise on hard stretches: same seed, same simulation.", least=0,
-        most=2**31 - 1, advanced=True,
-    )  # fmt: skip
+        0,
+        help=(
+            "Random seed of the noise on hard stretches; the same seed gives the same simulation."
+        ),
+        least=0,
+        most=2**31 - 1,
+        advanced=True,
+    )
 
     def __post_init__(self) -> None:
         check(self)
@@ -42,9 +51,13 @@ class SimulationOutput:
     """What becomes of a simulation on the command line."""
 
     out: Path | None = option(
-        None, help="The simulation with its proof, a clip file too.", metavar="SIM.npz"
+        None,
+        help="File for the simulation with its proof; it is a clip file, too.",
+        metavar="SIM.npz",
     )
     report: Path | None = option(
-        None, help="A folder for a page that plays it, and its numbers.", metavar="FOLDER"
+        None,
+        help="Folder for a page that plays the simulation and shows its numbers.",
+        metavar="FOLDER",
     )
-    format: Literal["text", "json"] = option("text", help="Of the numbers.")
+    format: Literal["text", "json"] = option("text", help="Format of the numbers.")

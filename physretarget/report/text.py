@@ -33,9 +33,14 @@ def render_text(report: Report, *, width: int = 110, color: bool = False, most: 
     """
     out = io.StringIO()
     console = Console(
-        file=out, width=width, force_jupyter=False, force_terminal=color, no_color=not color, highlight=False,
+        file=out,
+        width=width,
+        force_jupyter=False,
+        force_terminal=color,
+        no_color=not color,
+        highlight=False,
         color_system="standard" if color else None,
-    )  # fmt: skip
+    )
     _verdict(console, report)
     _head(console, report)
     if report.findings:

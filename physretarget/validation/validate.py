@@ -111,7 +111,14 @@ def validate(
 
 
 def judge_model(character: Character) -> tuple[Finding, ...]:
-    """Findings about a model alone, whatever it will be made to do."""
+    """Findings about a model alone, whatever it will be made to do.
+
+    Args:
+        character: The model.
+
+    Returns:
+        Findings of the MDL rules.
+    """
     rules = (rule for rule in RULES if isinstance(rule, ModelRule))
     return tuple(finding for rule in rules for finding in rule.check(character).findings)
 

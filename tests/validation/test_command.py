@@ -104,7 +104,7 @@ def test_parents_of_out_are_made_and_html_shows_forces(library: Path) -> None:
 def test_the_help_names_every_unit_and_one_written_out_is_taken(library: Path) -> None:
     told = CliRunner().invoke(app, ["validate", "--help"]).output
     assert "--unit m|cm|mm|inch|METRES" in told
-    assert "metres per unit, as in 0.0254" in " ".join(told.split())
+    assert "metres per unit (for example 0.0254)" in " ".join(told.split())
     code, said = run(library, "--format", "json", "--unit", "0.5")
     assert code == 1  # boxes at half their height stand in the floor
     assert any("0.5 m to the unit" in n for r in json.loads(said) for n in r["clip"]["notes"])
