@@ -44,8 +44,9 @@ def moments_left(condim: int, played: int, kick: NDArray[np.float64]) -> NDArray
         qpos=np.array(qpos)[::4], time=np.arange(50) * 0.004, joint_names=character.joint_names,
         model_name=character.name, model_sha256=character.sha256,
     )  # fmt: skip
-    found = analyse(clip, character, Settings())
-    return np.hstack([found["required_force"], found["moment_rest"]])[5:-5]
+    forces = analyse(clip, character, Settings()).forces
+    assert forces is not None
+    return np.hstack([forces.required.force, forces.bearing.moment_rest])[5:-5]
 
 
 SPIN = np.array([0, 0, 0, 0, 0, 30.0])
