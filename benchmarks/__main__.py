@@ -18,9 +18,9 @@ import os
 import platform
 import sys
 from collections.abc import Sequence
+from importlib.metadata import version
 from pathlib import Path
 
-import casadi
 import mujoco
 import numpy
 import scipy
@@ -46,7 +46,7 @@ def machine() -> str:
     return (
         f"{model}, {os.cpu_count()} cores, Python {platform.python_version()}, NumPy "
         f"{numpy.__version__}, SciPy {scipy.__version__}, MuJoCo {mujoco.__version__}, CasADi "
-        f"{casadi.__version__}"
+        f"{version('casadi')}"
     )
 
 

@@ -17,6 +17,7 @@ from physretarget import capture, momentum
 from physretarget.demo import models_folder
 from physretarget.mjcf import Character, actor_character
 from physretarget.mjcf.dynamics import lowpass
+from physretarget.options.retargeting import Heading
 
 MOTIONS = Path(pybullet_data.getDataPath()) / "data" / "motions"
 NAMES = ("walk", "run", "jump", "dance_a", "spin", "kick", "spinkick", "cartwheel")
@@ -28,7 +29,7 @@ def turned(lamp: Character, name: str) -> tuple[float, float]:
     actor = actor_character(motion.shape)
     moved = lowpass(actor, motion.qpos, motion.fps, 6.0)
     pose = np.tile(lamp.reference_qpos, (len(moved), 1))
-    headings: tuple[momentum.Heading, ...] = ("momentum", "actor")
+    headings: tuple[Heading, ...] = ("momentum", "actor")
     yaws = [
         momentum.place(lamp, pose, actor, moved, motion.time, heading=heading).yaw
         for heading in headings

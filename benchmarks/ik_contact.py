@@ -8,6 +8,7 @@ from __future__ import annotations
 import sys
 import time as clock
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from physretarget.mjcf import Character
 NAMES = ("left_heel", "left_toe", "right_heel", "right_toe")
 
 
-def best_of(repeats: int, work, *args, **more) -> tuple[float, object]:
+def best_of(repeats: int, work, *args, **more) -> tuple[float, Any]:
     seconds, result = float("inf"), None
     for _ in range(repeats):
         start = clock.process_time()

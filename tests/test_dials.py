@@ -16,6 +16,7 @@ from physretarget.errors import InputError, UsageError
 from physretarget.features import features
 from physretarget.keyposes import load_keyposes
 from physretarget.kinematics import trajectories
+from physretarget.mapping import SharedGPLVM
 from physretarget.mjcf import Character
 from physretarget.options import build
 from physretarget.options.retargeting import with_preset
@@ -174,6 +175,7 @@ def test_the_papers_preset_is_the_paper_end_to_end(jump, lamp, mapper) -> None:
     # each frame's latent point is where the paper's search from the nearest key pose ends
     own = features(paper.actor, paper.motion.qpos)
     np.testing.assert_array_equal(paper.y, own)
+    assert isinstance(trained.mapper, SharedGPLVM)
     found = trained.mapper.as_paper().predict(own)
     np.testing.assert_array_equal(paper.mapped.mean, found.mean)
     np.testing.assert_array_equal(paper.mapped.variance, found.variance)

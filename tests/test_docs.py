@@ -34,7 +34,7 @@ def anchors(path: Path) -> set[str]:
 
 def program() -> Any:
     """The whole command line, with every command imported."""
-    group = typer.main.get_command(app)
+    group: Any = typer.main.get_command(app)
     for name in COMMANDS:
         group.load(name)
     return group

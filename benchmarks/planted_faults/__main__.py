@@ -137,7 +137,7 @@ def main() -> None:
     parser.add_argument("--only", nargs="*", default=[], help="names of faults")
     parser.add_argument("--out", type=Path, help="page to write")
     given = parser.parse_args()
-    names = [f.name for f in (*FAULTS, *broken.BROKEN)]
+    names = [f.name for f in FAULTS] + [f.name for f in broken.BROKEN]
     unknown = set(given.only) - set(names)
     if unknown:
         parser.error(f"no such fault: {', '.join(unknown)}; there are {names}")

@@ -64,7 +64,7 @@ def test_gaps_become_nan(tmp_path: Path):
     position[3, 0] = np.nan
     position[4, 1] = 0.0
     recording = read_c3d(write(tmp_path / "a.c3d", position))
-    missing = np.isnan(recording.position).all(axis=-1)
+    missing = np.asarray(np.isnan(recording.position).all(axis=-1))
     assert missing[3, 0]
     assert missing[4, 1]
     assert missing.sum() == 2

@@ -7,6 +7,7 @@ import json
 import struct
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -126,7 +127,7 @@ def _gltf(path: Path, *, binary: bool, vrm: bool = False, kind: str = "LINEAR") 
                 values = np.stack([slope, values, slope], axis=1).reshape(-1, values.shape[1])
             samplers.append({"input": time, "output": add(values, shape), "interpolation": kind})
             channels.append({"sampler": len(samplers) - 1, "target": {"node": j, "path": target}})
-    document = {
+    document: dict[str, Any] = {
         "asset": {"version": "2.0"}, "nodes": nodes, "accessors": accessors, "bufferViews": views,
         "animations": [{"name": "walk", "samplers": samplers, "channels": channels}],
         "buffers": [{"byteLength": len(blob)}],

@@ -7,9 +7,10 @@ import pytest
 
 from physretarget.capture.actor import PARENTS, SEGMENTS, ActorShape
 from physretarget.capture.joints import fit_joints
-from physretarget.capture.skeleton import UNITS, Raw, finish, nice_rate, to_world
+from physretarget.capture.skeleton import Raw, finish, nice_rate, to_world
 from physretarget.errors import InputError, UsageError
 from physretarget.kinematics import forward
+from physretarget.options.motion import CAPTURE_UNITS as UNITS
 
 
 def standing(height: float, scale: float, up: str, frames: int = 5) -> Raw:

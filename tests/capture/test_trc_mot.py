@@ -102,7 +102,7 @@ def test_gaps_ragged_rows_and_windows_line_ends(tmp_path: Path):
     )
     path = tmp_path / "a.trc"
     path.write_bytes("\r\n".join(lines).encode())
-    missing = np.isnan(read_trc(path).position).all(axis=-1)
+    missing = np.asarray(np.isnan(read_trc(path).position).all(axis=-1))
     assert missing[1].tolist() == [True, False, True, True]
     assert missing[2].tolist() == [True, False, True, False]
 

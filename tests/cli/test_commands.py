@@ -10,6 +10,7 @@ import subprocess
 import sys
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -303,9 +304,12 @@ def test_a_condition_without_a_column_is_refused_with_the_first_clip(
         (tmp_path / f"{name}.csv").write_text("0,0,0.1,1,0,0,0\n" * 20)
     judged: list[Path] = []
     judge = validate._judge
-    monkeypatch.setattr(
-        validate, "_judge", lambda path, *more: judged.append(path) or judge(path, *more)
-    )
+
+    def noted(path: Path, *more: Any) -> Any:
+        judged.append(path)
+        return judge(path, *more)
+
+    monkeypatch.setattr(validate, "_judge", noted)
     clips = [tmp_path / f"{name}.csv" for name in "abc"]
     got = run("validate", *clips, "--model", tmp_path / "box.xml", "--fps", "30", "--quat", "wxyz",
               "--where", "no_such < 1")  # fmt: skip

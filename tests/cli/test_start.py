@@ -8,6 +8,7 @@ import resource
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 import typer
@@ -62,7 +63,7 @@ def test_importing_the_program_reads_no_arguments() -> None:
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_the_line_in_the_programs_help_is_the_commands_own(name: str) -> None:
-    group = typer.main.get_command(app)
+    group: Any = typer.main.get_command(app)
     command = group.load(name)
     assert inspect.cleandoc(command.help).splitlines()[0] == COMMANDS[name][1]
 

@@ -1,11 +1,13 @@
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from physretarget.errors import InputError
 from physretarget.face.curve import Curve, Key
-from physretarget.face.formats import write_json
+from physretarget.face.formats import read_shots, write_json
 from physretarget.face.library import Library, LibrarySettings, halves
 from physretarget.face.recover import hold_out
 from physretarget.face.shot import Shot
@@ -75,8 +77,13 @@ def test_incremental_build_reads_only_what_changed(tmp_path, monkeypatch):
     read = []
     import physretarget.face.library as module
 
-    original = module.read_shots
-    monkeypatch.setattr(module, "read_shots", lambda p: read.append(p.name) or original(p))
+    original = read_shots
+
+    def noted(path: Path) -> object:
+        read.append(path.name)
+        return original(path)
+
+    monkeypatch.setattr(module, "read_shots", noted)
     second = Library.build([tmp_path], previous=first)
     assert read == ["b.json"]
     assert second.to_bytes() == Library.build([tmp_path]).to_bytes()

@@ -87,7 +87,7 @@ def test_one_file_and_hostile_names_stay_text(report):
 
 def test_data_on_the_page_is_what_was_given(report):
     page = render(report)
-    text = re.search(r'id="data">(.*?)</script>', page, re.S)[1]
+    text = re.findall(r'id="data">(.*?)</script>', page, re.S)[0]
     data = json.loads(text)
     assert data["title"] == HOSTILE
     (channel,) = data["channels"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -88,7 +88,7 @@ def beyond(option: Option) -> Iterator[Any]:
 
 
 def command_of(schema: Schema) -> Any:
-    group = typer.main.get_command(app)
+    group: Any = typer.main.get_command(app)
     first, *rest = schema.name.split()
     command = group.load(first)
     for name in rest:
@@ -230,7 +230,7 @@ SETTINGS = {
     MatchOptions: MatchSettings,
     RetargetSettings: RetargetSettings,
 }
-FUNCTIONS = {
+FUNCTIONS: dict[type, list[Callable[..., Any]]] = {
     ClipOptions: [clip.load_clip, clip.open_clip, conversion.convert],
     CaptureOptions: [capture.load],
     MapperOptions: [trained.learn],

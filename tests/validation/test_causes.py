@@ -39,8 +39,8 @@ def judged(character: Character, qpos: Array, fps: float = 30.0) -> Report:
 def root(qpos: Array, **columns: Callable[[Array], Array]) -> Array:
     changed = qpos.copy()
     for name, how in columns.items():
-        part = {"place": slice(0, 3), "flat": slice(0, 2), "height": 2, "turn": slice(3, 7)}[name]
-        changed[:, part] = how(qpos[:, part])
+        first, end = {"place": (0, 3), "flat": (0, 2), "height": (2, 3), "turn": (3, 7)}[name]
+        changed[:, first:end] = how(qpos[:, first:end])
     return changed
 
 

@@ -136,6 +136,7 @@ def test_shares_solved_at_once_are_those_of_the_programme_itself() -> None:
             np.r_[np.zeros(rays), 1.0], np.c_[-p.slopes, -np.ones(len(p.bare))], -p.bare,
             np.c_[p.equal, np.zeros(6)], p.wrench,
         )  # fmt: skip
+        assert primal.x is not None
         assert share == pytest.approx(primal.fun, abs=1e-9)
         if share > 0:  # the joint that is named is at that share
             assert (p.bare - p.slopes @ primal.x[:-1])[joint] == pytest.approx(share, abs=1e-9)
