@@ -20,7 +20,7 @@ session = Session(
     rig.with_suffix(".keyposes.toml"),
     [Take.of(pr.load_capture(capture))],
 )
-rehearsal = Rehearsal(session.character, session.takes)
+rehearsal = Rehearsal(session)
 for _ in range(8):
     frames = next_frames(rehearsal.candidates(), session.keyposes, count=1)
     if not frames:

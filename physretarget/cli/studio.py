@@ -42,7 +42,8 @@ def studio_command(
         if importlib.util.find_spec(package) is None:
             raise MissingExtraError(package, extra="studio", purpose="The studio")
     from physretarget.studio.serve import LOCAL, serve
-    from physretarget.studio.session import Session, Take
+    from physretarget.studio.session import Session
+    from physretarget.studio.take import Take
 
     told = build(StudioOptions, given)
     character = Character.load(given["character"])

@@ -155,12 +155,25 @@ def body_poses(model: mujoco.MjModel, qpos: Array) -> tuple[Array, Array, Array]
 
 
 def shapes(model: mujoco.MjModel) -> tuple[Shape, ...]:
-    """The visible geoms of moving bodies; all groups where the default ones hold nothing."""
+    """The visible geoms of moving bodies, as shapes."""
+    made = (_shape(model, g) for g in shown_geoms(model))
+    return tuple(shape for shape in made if shape.rgba[3] > 0.01)
+
+
+def shown_geoms(model: mujoco.MjModel) -> list[int]:
+    """The visible geoms of moving bodies; all groups where the default ones hold nothing.
+
+    Args:
+        model: the model.
+
+    Returns:
+        Ids of geoms.
+    """
     moving = [g for g in range(model.ngeom) if int(model.geom_bodyid[g]) > 0]
     moving = [g for g in moving if int(model.geom_type[g]) in _KINDS]
     seen = [g for g in moving if int(model.geom_group[g]) < _VISIBLE_GROUPS]
     seen = [g for g in seen if float(model.geom_rbound[g]) > _SPECK]
-    return tuple(shape for g in seen or moving if (shape := _shape(model, g)).rgba[3] > 0.01)
+    return seen or moving
 
 
 def _shape(model: mujoco.MjModel, geom: int) -> Shape:

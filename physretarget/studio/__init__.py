@@ -6,6 +6,7 @@ kept, saved and shown.
 
 from __future__ import annotations
 
-from physretarget.studio.session import Conflict, Session, Take
+from physretarget.studio.session import Conflict, Session
+from physretarget.studio.take import Take
 
 __all__ = ["Conflict", "Session", "Take"]

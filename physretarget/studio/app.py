@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hmac
 from collections.abc import Awaitable, Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -21,28 +20,28 @@ from starlette.middleware.trustedhost import TrustedHostMiddleware
 
 from physretarget.errors import PhysretargetError, UsageError
 from physretarget.keyposes import (
-    KeyPose,
-    KeyPoseSet,
     actor_character_of_reference,
-    check,
     settled,
 )
 from physretarget.keyposes.candidates import next_frames
-from physretarget.keyposes.face import face_of
-from physretarget.keyposes.layout import layout_of
-from physretarget.keyposes.limbs import ACTOR_LIMBS, limb_names, limbs_of
-from physretarget.keyposes.propose import SIGHT, gazes
-from physretarget.keyposes.settle import Pull, pulled
-from physretarget.kinematics import forward, points
-from physretarget.mjcf import Character
-from physretarget.replay.figures import body_poses, figure
+from physretarget.replay.figures import figure
 from physretarget.replay.payload import payload
 from physretarget.replay.scene import Scene
 from physretarget.replay.web import asset
 from physretarget.report.text import one_line
-from physretarget.studio.live import live
+from physretarget.studio.answers import (
+    Gesture,
+    Name,
+    Planted,
+    Point,
+    Qpos,
+    posed,
+    stage_of,
+    state_of,
+)
 from physretarget.studio.rehearsal import Rehearsal
-from physretarget.studio.session import Conflict, Session
+from physretarget.studio.session import Conflict, Session, free_name
+from physretarget.studio.surface import surface_point
 
 WEB = Path(__file__).with_name("web")
 POLICY = (
@@ -53,32 +52,6 @@ POLICY = (
 MOST_BYTES = 256 * 1024
 _TOKEN = "x-studio-token"
 _SHARED = ("three.min.js", "clock.js", "stage.js")
-
-Name = Annotated[str, Field(max_length=300)]
-Qpos = Annotated[list[float], Field(max_length=2000)]
-Point = Annotated[list[float], Field(min_length=3, max_length=3)]
-Planted = Annotated[list[Annotated[str, Field(max_length=60)]], Field(max_length=20)]
-
-
-class Hand(BaseModel):
-    """A point of a body that is dragged, and where to."""
-
-    body: int = Field(ge=1)
-    local: Point
-    target: Point
-
-
-class Gesture(BaseModel):
-    """What the hand does to a pose: drags points, or sets a joint; with ``gaze`` the face keeps
-    looking where it looks in the file."""
-
-    name: Name
-    qpos: Qpos
-    planted: Planted = []
-    gaze: bool = False
-    hands: Annotated[list[Hand], Field(max_length=8)] = []
-    joint: Name | None = None
-    value: float = 0.0
 
 
 class Change(BaseModel):
@@ -93,6 +66,8 @@ class Change(BaseModel):
     planted: Planted | None = None
     take: int = 0
     time: float = 0.0
+    eye: Point | None = None
+    way: Point | None = None
 
 
 def build(session: Session, *, token: str, hosts: list[str]) -> FastAPI:
@@ -104,7 +79,7 @@ def build(session: Session, *, token: str, hosts: list[str]) -> FastAPI:
         hosts: names by which the studio may be asked for.
     """
     app = FastAPI(title="physretarget studio", docs_url=None, redoc_url=None, openapi_url=None)
-    rehearsal = Rehearsal(session.character, session.takes)
+    rehearsal = Rehearsal(session)
     _guard(app, token)
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=hosts)
     _pages(app)
@@ -158,12 +133,12 @@ def _looks(app: FastAPI, session: Session, rehearsal: Rehearsal) -> None:
 
     @app.get("/api/state")
     def state() -> dict[str, Any]:
-        return _state(session)
+        return state_of(session)
 
     @app.get("/api/stage")
     def stage() -> dict[str, Any]:
         """The character as it can be posed, and the captures."""
-        return _stage(session)
+        return stage_of(session)
 
     @app.get("/api/takes/{take}")
     def actor(take: int) -> dict[str, Any]:
@@ -177,7 +152,7 @@ def _looks(app: FastAPI, session: Session, rehearsal: Rehearsal) -> None:
     @app.post("/api/drag")
     def drag(gesture: Gesture) -> dict[str, Any]:
         """The pose after a small move of the hand; nothing is kept."""
-        return _posed(session, gesture)
+        return posed(session, gesture)
 
     @app.get("/api/coverage")
     def coverage() -> dict[str, Any]:
@@ -233,186 +208,98 @@ def _changes(app: FastAPI, session: Session, rehearsal: Rehearsal) -> None:
     @app.post("/api/add")
     def add(change: Change) -> dict[str, Any]:
         name = session.add(change.take, change.time, change.revision)
-        return {**_state(session), "selected": name}
+        return {**state_of(session), "selected": name}
 
     @app.post("/api/put")
     def put(change: Change) -> dict[str, Any]:
         qpos = np.array(change.qpos)
         session.put(change.name, qpos, change.revision, planted=change.planted)
-        return _state(session)
+        return state_of(session)
 
     @app.post("/api/plant")
     def plant(change: Change) -> dict[str, Any]:
         pose = session.find(change.name)
         down = settled(session.character, pose.qpos, planted=pose.planted)
         session.put(change.name, down, change.revision, what="put down")
-        return _state(session)
+        return state_of(session)
 
     @app.post("/api/reset")
     def reset(change: Change) -> dict[str, Any]:
         qpos = rehearsal.mapped_pose(session.keyposes, session.find(change.name))
         session.put(change.name, qpos, change.revision, what="reset")
-        return _state(session)
+        return state_of(session)
 
     @app.post("/api/rename")
     def rename(change: Change) -> dict[str, Any]:
         session.rename(change.name, change.other, change.revision)
-        return _state(session)
+        return state_of(session)
 
     @app.post("/api/delete")
     def delete(change: Change) -> dict[str, Any]:
         session.delete(change.name, change.revision)
-        return _state(session)
+        return state_of(session)
 
     @app.post("/api/mirror")
     def mirror(change: Change) -> dict[str, Any]:
         name = session.mirror(change.name, change.revision)
-        return {**_state(session), "selected": name}
+        return {**state_of(session), "selected": name}
 
     @app.post("/api/blend")
     def blend(change: Change) -> dict[str, Any]:
         session.blend(change.name, change.other, change.share, change.revision)
-        return _state(session)
+        return state_of(session)
 
     @app.post("/api/limb")
     def limb(change: Change) -> dict[str, Any]:
         session.choose_limb(change.name, change.limb, change.revision)
-        return _state(session)
+        return state_of(session)
+
+    @app.post("/api/point")
+    def point(change: Change) -> dict[str, Any]:
+        """Put the named point, or a new one, where the ray of a click meets the character."""
+        body, place = _clicked(session, change)
+        name, tie = change.name, change.other or None
+        if not name:
+            name = free_name(f"contact_{tie or 'point'}", set(session.character.contacts.names))
+        session.put_point(name, body, place, change.revision, tie=tie)
+        return state_of(session)
+
+    @app.post("/api/point/tie")
+    def tie(change: Change) -> dict[str, Any]:
+        """Which of the actor's points a contact point follows."""
+        contacts = session.character.contacts
+        if change.name not in contacts.names:
+            raise UsageError(f"there is no contact point {change.name!r}.")
+        at = contacts.names.index(change.name)
+        session.put_point(
+            change.name, int(contacts.body[at]), contacts.local[at], change.revision,
+            tie=change.other or None,
+        )  # fmt: skip
+        return state_of(session)
+
+    @app.post("/api/point/drop")
+    def drop(change: Change) -> dict[str, Any]:
+        session.drop_point(change.name, change.revision)
+        return state_of(session)
 
     @app.post("/api/undo")
     def undo(change: Change) -> dict[str, Any]:
         session.undo(change.revision)
-        return _state(session)
+        return state_of(session)
 
     @app.post("/api/redo")
     def redo(change: Change) -> dict[str, Any]:
         session.redo(change.revision)
-        return _state(session)
+        return state_of(session)
 
 
-def _state(session: Session) -> dict[str, Any]:
-    keyposes = session.keyposes
-    remarks = check(keyposes, session.character)
-    return {
-        "revision": session.revision,
-        "undo": session.undoable,
-        "redo": session.redoable,
-        "limbs": _limbs(session.character, keyposes),
-        "remarks": [
-            {"pose": r.pose, "severity": r.severity, "message": r.message} for r in remarks
-        ],
-        "poses": [
-            {
-                "name": pose.name, "source": pose.source, "time": pose.time, "note": pose.note,
-                "planted": list(pose.planted), "take": _take_of(session, pose),
-                "qpos": pose.qpos.tolist(),
-            }
-            for pose in keyposes.poses
-        ],
-    }  # fmt: skip
-
-
-def _limbs(character: Character, keyposes: KeyPoseSet) -> dict[str, Any]:
-    """Which limb acts for each of the actor's: as chosen (None: by the shape), and in effect."""
-    chosen = dict(keyposes.limbs)
-    names = {limb.name: limb.first for limb in limbs_of(character, keyposes.limbs)}
-    return {
-        actor: {
-            "chosen": chosen.get(actor),
-            "acts": character.model.body(names[actor]).name if actor in names else "",
-        }
-        for actor in ACTOR_LIMBS
-    }
-
-
-def _take_of(session: Session, pose: KeyPose) -> int | None:
-    for number, take in enumerate(session.takes):
-        if take.motion.source.sha256 == pose.sha256:
-            return number
-    return None
-
-
-def _stage(session: Session) -> dict[str, Any]:
-    character = session.character
-    rest = session.canonical(character.reference_qpos)
-    shown = figure(character, rest[None], name=character.name)
-    layout, joints = layout_of(character), []
-    for name, joint in zip(layout.names, character.tree.joints, strict=True):
-        if joint.kind not in ("hinge", "slide"):
-            continue
-        low, high = float(character.lower[joint.qpos]), float(character.upper[joint.qpos])
-        joints.append(
-            {
-                "name": name, "kind": joint.kind, "qpos": joint.qpos, "body": joint.body,
-                "low": low if np.isfinite(low) else None,
-                "high": high if np.isfinite(high) else None,
-                "axis": joint.axis.tolist(), "anchor": joint.anchor.tolist(),
-            }
-        )  # fmt: skip
-    contacts = character.contacts
-    handles = [
-        {"name": name, "body": int(body), "local": local.tolist(), "tie": tie}
-        for name, body, local, tie in zip(
-            contacts.names, contacts.body, contacts.local, character.tied, strict=True
-        )
-    ]
-    model = character.model
-    for body in character.bodies.tolist():
-        handles.append(
-            {
-                "name": model.body(body).name or f"body {body}", "body": body,
-                "local": np.array(model.body_ipos[body]).tolist(), "tie": None,
-            }
-        )  # fmt: skip
-    return {
-        "file": str(session.path), "character": character.name, "height": character.height,
-        "scene": payload(Scene(title=character.name, time=np.zeros(1), figures=(shown,))),
-        "joints": joints, "handles": handles, "rest": rest.tolist(),
-        "takes": [
-            {"name": take.name, "seconds": float(take.motion.time[-1])} for take in session.takes
-        ],
-        "limbs": limb_names(character), "face": face_of(character) is not None,
-        "points": sorted({tie for tie in character.tied if tie is not None}),
-    }  # fmt: skip
-
-
-def _moved(session: Session, gesture: Gesture) -> np.ndarray[Any, np.dtype[np.float64]]:
-    character = session.character
-    qpos = np.array(gesture.qpos)
-    if qpos.shape != (character.tree.nq,) or not np.isfinite(qpos).all():
-        raise UsageError(f"a pose has {character.tree.nq} finite numbers.")
-    held = []
-    if gesture.joint is not None:
-        for name, joint in zip(character.joint_names, character.tree.joints, strict=True):
-            if name == gesture.joint and joint.kind in ("hinge", "slide"):
-                low, high = character.lower[joint.qpos], character.upper[joint.qpos]
-                qpos[joint.qpos] = np.clip(gesture.value, low, high)
-                held.append(joint.dof)
-    bodies = set(character.bodies.tolist())
-    pulls = [
-        Pull(hand.body, np.array(hand.local), np.array(hand.target))
-        for hand in gesture.hands
-        if hand.body in bodies and np.isfinite([*hand.local, *hand.target]).all()
-    ]
-    if gesture.gaze and (face := face_of(character)) is not None:
-        body, place, ahead = face
-        gaze = gazes(character, session.find(gesture.name).qpos[None])[0]
-        pose = forward(character.tree, qpos[None])
-        origin = points(pose, np.array([body]), place[None])[0, 0]
-        pulls.append(Pull(body, place + SIGHT * ahead, origin + SIGHT * gaze))
-    return pulled(character, qpos, pulls, planted=gesture.planted, held=held)
-
-
-def _posed(session: Session, gesture: Gesture) -> dict[str, Any]:
-    """The pose that a gesture makes, as the page draws it, with what is wrong with it."""
-    character, qpos = session.character, _moved(session, gesture)
-    pose = replace(
-        session.find(gesture.name), qpos=session.canonical(qpos), planted=tuple(gesture.planted)
-    )
-    told = live(character, pose)
-    position, rotation, _ = body_poses(character.model, qpos[None])
-    return {
-        "qpos": qpos.tolist(), "position": position[0].ravel().tolist(),
-        "rotation": rotation[0].ravel().tolist(), "errors": list(told.errors),
-        "touching": list(told.touching), "margin": told.margin_m,
-    }  # fmt: skip
+def _clicked(session: Session, change: Change) -> tuple[int, np.ndarray[Any, np.dtype[np.float64]]]:
+    qpos, tree = np.array(change.qpos), session.character.tree
+    if change.eye is None or change.way is None:
+        raise UsageError("a point is placed by a ray: eye and way are needed.")
+    if qpos.shape != (tree.nq,) or not np.isfinite(qpos).all():
+        raise UsageError(f"a pose has {tree.nq} finite numbers.")
+    found = surface_point(session.character, qpos, np.array(change.eye), np.array(change.way))
+    if found is None:
+        raise UsageError("there is nothing of the character: click on it.")
+    return found

@@ -17,7 +17,7 @@ from physretarget.keyposes.suggest import uncertainty
 from physretarget.mjcf import Character
 from physretarget.options.retargeting import MapperOptions, RetargetSettings, Stage
 from physretarget.pipeline import Retargeted, retarget
-from physretarget.studio.session import Take
+from physretarget.studio.session import Session
 from physretarget.trained import TrainedMapper, learn
 from physretarget.validation import Report, validate
 
@@ -55,15 +55,20 @@ class Coverage:
 
 
 class Rehearsal:
-    """Mappers and takes of one character, kept as long as the key poses stay as they are."""
+    """Mappers and takes of a session, kept as long as the key poses stay as they are."""
 
-    def __init__(self, character: Character, takes: tuple[Take, ...]) -> None:
-        self.character, self.takes = character, takes
+    def __init__(self, session: Session) -> None:
+        self._session, self.takes = session, session.takes
         self._lock = Lock()
         self._for: KeyPoseSet | None = None
         self._mapper: TrainedMapper | None = None
         self._played: dict[tuple[int, Stage], Played] = {}
         self._candidates: Candidates | None = None
+
+    @property
+    def character(self) -> Character:
+        """The session's, as its file stands."""
+        return self._session.character
 
     def mapper(self, keyposes: KeyPoseSet) -> TrainedMapper:
         """The mapper learned from these key poses.

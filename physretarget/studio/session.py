@@ -8,6 +8,7 @@ cannot be read is never written over.
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,7 +17,7 @@ from threading import RLock
 import numpy as np
 from numpy.typing import NDArray
 
-from physretarget.capture.actor import CONTACT_POINTS, ActorMotion, ActorShape
+from physretarget.capture.actor import CONTACT_POINTS
 from physretarget.errors import InputError, UsageError
 from physretarget.keyposes import (
     KeyPose,
@@ -33,83 +34,34 @@ from physretarget.keyposes.mirror import mirrored
 from physretarget.keyposes.propose import planted_points
 from physretarget.kinematics import difference, integrate
 from physretarget.mjcf import Character
+from physretarget.mjcf.written import drop_point, put_point
+from physretarget.studio.model_file import ModelFile
+from physretarget.studio.take import Take
 
 Array = NDArray[np.float64]
 
 LICENSE = "unknown: write here under which terms the captures may be used"
 MOST_POSES = 2000
+_POINT = re.compile(r"(contact|marker)_[\w.-]{1,80}")
 
 
 class Conflict(InputError):
     """The state was changed elsewhere, by another tab or by hand: look at the new one first."""
 
 
-@dataclass(frozen=True, eq=False)
-class Take:
-    """A capture on the timeline: the motion, and (T, 75) what the reference actor does."""
-
-    motion: ActorMotion
-    qpos: Array
-
-    @classmethod
-    def of(cls, motion: ActorMotion) -> Take:
-        """Carry a capture onto the reference actor.
-
-        Args:
-            motion: The actor's motion.
-
-        Returns:
-            The capture as the studio shows it.
-        """
-        return cls(motion, motion.on(ActorShape.reference()).qpos)
-
-    @property
-    def name(self) -> str:
-        """Of its file."""
-        return self.motion.source.name
-
-    def frame(self, time: float) -> int:
-        """The frame nearest to a time (s).
-
-        Args:
-            time: Time of the capture, s.
-
-        Returns:
-            The frame's number.
-        """
-        return int(np.argmin(np.abs(self.motion.time - time)))
-
-    def actor(self, time: float) -> Array:
-        """(75,) pose of the reference actor, without heading.
-
-        Args:
-            time: Time of the capture, s.
-
-        Returns:
-            (75,) pose.
-
-        Raises:
-            InputError: the actor was not seen then.
-        """
-        frame = self.frame(time)
-        if not self.motion.valid[frame]:
-            raise InputError(f"the actor cannot be seen at {time:.2f} s", path=self.name)
-        return without_heading(self.qpos[frame])
-
-
 @dataclass(frozen=True)
 class _Step:
-    """A state and what led to it."""
+    """A state and what led to it; ``model`` is the character's text where that was changed here."""
 
     keyposes: KeyPoseSet
     what: str
+    model: str | None = None
 
 
 class Session:
     """Key poses of one character, in one file.
 
     Attributes:
-        character: whose key poses they are.
         path: of the file; it need not exist yet.
         takes: the captures.
     """
@@ -125,7 +77,8 @@ class Session:
                 f"{character.name!r} has no free joint, so it cannot be posed in space",
                 path=character.path,
             )
-        self.character, self.path, self.takes = character, Path(path), tuple(takes)
+        self.path, self.takes = Path(path), tuple(takes)
+        self._model = ModelFile(character)
         self._lock = RLock()
         self._digest = ""
         self._done: list[_Step] = []
@@ -135,6 +88,11 @@ class Session:
         first = self._read() if content is not None else self._blank()
         self._digest = _digest(content)
         self._done.append(_Step(first, "opened"))
+
+    @property
+    def character(self) -> Character:
+        """Whose key poses they are; another one after its points were changed."""
+        return self._model.character
 
     def _blank(self) -> KeyPoseSet:
         return KeyPoseSet(
@@ -229,7 +187,7 @@ class Session:
 
         def grow(old: KeyPoseSet) -> KeyPoseSet:
             taken = {each.name for each in old.poses}
-            fresh = replace(pose, name=_free(pose.name, taken))
+            fresh = replace(pose, name=free_name(pose.name, taken))
             return replace(old, poses=(*old.poses, fresh))
 
         return self._change(f"pose {pose.name}", revision, grow).poses[-1].name
@@ -303,7 +261,7 @@ class Session:
         """
         self._ready(revision)
         pose = self.find(name)
-        new = _free(f"{name}-mirrored", {each.name for each in self.keyposes.poses})
+        new = free_name(f"{name}-mirrored", {each.name for each in self.keyposes.poses})
         made = mirrored(pose, self.character, name=new)
         self._change(f"mirror {name}", revision, lambda old: replace(old, poses=(*old.poses, made)))
         return new
@@ -345,6 +303,56 @@ class Session:
         words = f"limb for the {actor.replace('_', ' ')}"
         self._change(words, revision, lambda old: replace(old, limbs=tuple(kept.items())))
 
+    def put_point(
+        self, name: str, body: int, place: Array, revision: int, *, tie: str | None = None
+    ) -> None:
+        """Write a contact point or a marker into the character's file, or move it there.
+
+        Comments and order of the file stay. A character without markers of its own gets those
+        that are made for it written down first, so that one can be moved.
+
+        Args:
+            name: Of the site, ``contact_...`` or ``marker_...``.
+            body: The body that it is fixed on.
+            place: (3,) m in that body's frame.
+            revision: State that the caller has seen.
+            tie: The actor's point that a contact point follows, None for none.
+
+        Raises:
+            InputError: the file does not hold the body itself, or MuJoCo refuses the result.
+        """
+        if not _POINT.fullmatch(name) or (tie is not None and tie not in CONTACT_POINTS):
+            raise UsageError(f"{name!r} tied to {tie!r} is no point that a character can have.")
+        if body not in self.character.bodies.tolist() or not np.isfinite(place).all():
+            raise UsageError("there is no such place on the character.")
+        markers = self.character.markers
+        if name.startswith("marker_") and name not in markers.names:
+            raise UsageError(f"{name!r} is no marker of {self.character.name!r}.")
+
+        def write(text: str) -> str:
+            if name.startswith("marker_"):
+                for each, own, local in zip(
+                    markers.names, markers.body, markers.local, strict=True
+                ):
+                    text = put_point(text, name=each, body=self._body(own), place=local.tolist())
+            return put_point(text, name=name, body=self._body(body), place=place.tolist(), tie=tie)
+
+        self._change_model(f"point {name}", revision, write)
+
+    def drop_point(self, name: str, revision: int) -> None:
+        """Take a contact point out of the character's file.
+
+        Args:
+            name: Of its site.
+            revision: State that the caller has seen.
+        """
+        if name not in self.character.contacts.names:
+            raise UsageError(f"{name!r} is no contact point of {self.character.name!r}.")
+        self._change_model(f"point {name} away", revision, lambda text: drop_point(text, name))
+
+    def _body(self, body: int) -> str:
+        return str(self.character.model.body(int(body)).name)
+
     def undo(self, revision: int) -> None:
         """Take the last change back, without end.
 
@@ -355,7 +363,7 @@ class Session:
             self._ready(revision)
             if len(self._done) < 2:
                 raise UsageError("there is nothing to undo.")
-            self._write(self._done[-2].keyposes)
+            self._return_to(self._done[-2])
             self._undone.append(self._done.pop())
 
     def redo(self, revision: int) -> None:
@@ -368,7 +376,7 @@ class Session:
             self._ready(revision)
             if not self._undone:
                 raise UsageError("there is nothing to do again.")
-            self._write(self._undone[-1].keyposes)
+            self._return_to(self._undone[-1])
             self._done.append(self._undone.pop())
 
     def canonical(self, qpos: Array) -> Array:
@@ -409,6 +417,37 @@ class Session:
             self._undone.clear()
             return new
 
+    def _change_model(self, what: str, revision: int, alter: Callable[[str], str]) -> None:
+        with self._lock:
+            self._ready(revision)
+            text = self._model.text()
+            try:
+                new = alter(text)
+            except InputError as error:
+                raise InputError(error.message, path=self.character.path) from error
+            # What undo returns to.
+            self._done[-1] = replace(self._done[-1], model=text)
+            self._model.write(new)
+            step = _Step(self._posed_on(self._done[-1].keyposes), what, new)
+            self._write(step.keyposes)
+            self._done.append(step)
+            self._undone.clear()
+
+    def _return_to(self, step: _Step) -> None:
+        """Write a state's files again; the character's only if this session changed it since."""
+        keyposes = step.keyposes
+        if step.model is not None and step.model != (now := self._model.text()):
+            if now not in {each.model for each in (*self._done, *self._undone)}:
+                raise Conflict(
+                    "was changed by hand: what was done here cannot be taken back",
+                    path=self.character.path,
+                )
+            self._model.write(step.model)
+        self._write(self._posed_on(keyposes))
+
+    def _posed_on(self, keyposes: KeyPoseSet) -> KeyPoseSet:
+        return replace(keyposes, character_sha256=self.character.sha256)
+
     def _ready(self, revision: int) -> None:
         with self._lock:
             self._refresh()
@@ -448,8 +487,16 @@ def _digest(content: bytes | None) -> str:
     return "" if content is None else hashlib.sha256(content).hexdigest()
 
 
-def _free(name: str, taken: set[str]) -> str:
-    """The name, or with the first number behind it that is free."""
+def free_name(name: str, taken: set[str]) -> str:
+    """The name, or with the first number behind it that is free.
+
+    Args:
+        name: what it would be called.
+        taken: names that are in use.
+
+    Returns:
+        The name to use.
+    """
     number, found = 1, name
     while found in taken:
         number += 1

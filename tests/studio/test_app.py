@@ -5,16 +5,18 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from fastapi.testclient import TestClient
 
+from physretarget.errors import UsageError
 from physretarget.keyposes import KeyPose, actor_character_of_reference
 from physretarget.keyposes.propose import gazes
 from physretarget.kinematics import forward, points
 from physretarget.mjcf import Character
-from physretarget.studio import Session
+from physretarget.studio import Conflict, Session
 from physretarget.studio.app import MOST_BYTES, build
 from physretarget.studio.live import live
 
@@ -264,3 +266,109 @@ def test_a_pose_from_the_others_is_sound(posed: TestClient, session: Session) ->
     session.add(0, 0.9, session.revision)
     found = change(posed, "reset", name=session.keyposes.poses[0].name)
     assert not [r for r in found["remarks"] if r["severity"] == "error"]  # type: ignore[index,attr-defined]
+
+
+# ---- points on the character -----------------------------------------------------------------
+
+
+@pytest.fixture
+def own(session: Session, tmp_path: Path) -> Session:
+    """The penguin in a file of one's own."""
+    made = tmp_path / "bird.xml"
+    assert session.character.path is not None
+    text = session.character.path.read_text(encoding="utf-8")
+    made.write_text(text, encoding="utf-8")
+    return Session(Character.load(made), tmp_path / "own.keyposes.toml", session.takes)
+
+
+def clicked(page: TestClient, session: Session, **fields: object) -> dict[str, object]:
+    """What a click from the front on the middle of the head does."""
+    character = session.character
+    qpos = session.canonical(character.reference_qpos)
+    head = character.model.body("head").id
+    at = forward(character.tree, qpos[None])
+    middle = points(at, np.array([head]), np.array(character.model.body_ipos[[head]]))[0, 0]
+    eye = middle + np.array([2.0, 0.0, 0.0])
+    return change(
+        page, "point", qpos=qpos.tolist(), eye=eye.tolist(), way=[-1, 0, 0], **fields
+    )  # fmt: skip
+
+
+def test_a_click_writes_a_contact_point_and_undo_takes_it_out(own: Session) -> None:
+    assert own.character.path is not None
+    before = own.character.path.read_text(encoding="utf-8")
+    name = own.add(0, 0.5, own.revision)
+    with TestClient(
+        build(own, token="open", hosts=[HOST]), headers={"X-Studio-Token": "open"}
+    ) as page:
+        state = clicked(page, own, other="head")
+        contacts = own.character.contacts
+        at = contacts.names.index("contact_head")
+        assert own.character.tied[at] == "head"
+        stage = page.get("/api/stage").json()
+        assert stage["model"] == state["model"] == own.character.sha256
+        assert "head" in stage["points"]
+        # the head can stand now, and the whole take still plays
+        change(page, "put", name=name, qpos=own.find(name).qpos.tolist(), planted=["head"])
+        change(page, "point/tie", name="contact_head", other="pelvis")
+        assert own.character.tied[at] == "pelvis"
+        change(page, "point/drop", name="contact_head")
+        assert "contact_head" not in own.character.contacts.names
+        for _ in range(4):
+            change(page, "undo")
+        assert own.character.path.read_text(encoding="utf-8") == before
+        change(page, "redo")
+        assert own.character.tied[own.character.contacts.names.index("contact_head")] == "head"
+        assert Session(own.character, own.path).keyposes.character_sha256 == own.character.sha256
+
+
+def test_a_marker_is_moved_to_where_one_clicks(own: Session) -> None:
+    markers = own.character.markers
+    name = markers.names[0]
+    with TestClient(
+        build(own, token="open", hosts=[HOST]), headers={"X-Studio-Token": "open"}
+    ) as page:
+        clicked(page, own, name=name)
+    moved = own.character.markers
+    assert set(moved.names) == set(markers.names)
+    at = moved.names.index(name)
+    assert own.character.model.body(moved.body[at]).name == "head"
+    others = [n for n in markers.names if n != name]
+    for each in others:
+        np.testing.assert_allclose(
+            moved.local[moved.names.index(each)], markers.local[markers.names.index(each)],
+            atol=1e-6,
+        )  # fmt: skip
+
+
+def test_points_that_cannot_be_written_are_refused_and_nothing_changes(
+    own: Session, session: Session, page: TestClient
+) -> None:
+    revision = session.revision
+    rest = session.canonical(session.character.reference_qpos).tolist()
+    ray = {"qpos": rest, "eye": [2.0, 0.0, 0.0], "way": [0.0, 0.0, 1.0]}
+    for body, words in (
+        ({**ray}, "nothing of the character"),
+        ({**ray, "way": [0.0, 0.0, 0.0]}, "nothing of the character"),
+        ({"qpos": rest}, "eye and way"),
+        ({**ray, "qpos": [0.0]}, "finite numbers"),
+    ):
+        answer = page.post("/api/point", json={"revision": revision, **body})
+        assert answer.status_code == 422
+        assert words in answer.json()["error"]
+    # a character of the package stays as it is
+    contact = session.character.contacts
+    with pytest.raises(UsageError, match="copy its MJCF"):
+        session.put_point(contact.names[0], int(contact.body[0]), np.zeros(3), revision)
+    # a change by hand is not undone
+    own.put_point("contact_head", int(own.character.bodies[0]), np.zeros(3), own.revision)
+    assert own.character.path is not None
+    own.character.path.write_text(
+        own.character.path.read_text(encoding="utf-8").replace(
+            "<mujoco", "<!-- mine --><mujoco", 1
+        ),
+        encoding="utf-8",
+    )
+    with pytest.raises(Conflict, match="changed by hand"):
+        own.undo(own.revision)
+    assert "mine" in own.character.path.read_text(encoding="utf-8")

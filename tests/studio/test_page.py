@@ -5,12 +5,14 @@ from __future__ import annotations
 import functools
 import os
 import threading
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from physretarget.kinematics import forward, points
-from physretarget.studio import Session
+from physretarget.mjcf import Character
+from physretarget.studio import Session, Take
 from physretarget.studio.serve import serve
 
 sync_api = pytest.importorskip("playwright.sync_api")
@@ -23,6 +25,11 @@ def address(session: Session) -> str:
     """A studio of the session in a thread of its own, which ends with the tests."""
     for when in (0.1, 0.5):
         session.add(0, when, session.revision)
+    return served(session)
+
+
+def served(session: Session) -> str:
+    """Where a studio of the session answers."""
     there, told = threading.Event(), []
 
     def ready(url: str) -> None:
@@ -182,4 +189,32 @@ def test_a_limb_is_chosen_on_the_page(session: Session, address: str, browser: B
     page.get_by_label("Limb for the actor's left arm").select_option("?")
     text(page, "saved", "saved")
     sync_api.expect(page.get_by_label("Limb for the actor's left arm")).to_have_value("?")
+    assert told == []
+
+
+def test_a_contact_point_is_placed_by_clicking(
+    session: Session, takes: tuple[Take, ...], browser: Browser, tmp_path: Path
+) -> None:
+    assert session.character.path is not None
+    model = tmp_path / "bird.xml"
+    model.write_bytes(session.character.path.read_bytes())
+    own = Session(Character.load(model), tmp_path / "bird.keyposes.toml", takes)
+    page, told = opened(browser, served(own))
+    page.locator("#points summary").click()
+    count = page.locator("#contacts li").count()
+    page.locator("#tie").select_option("head")
+    page.locator("#place").click()
+    sync_api.expect(page.locator("#caption")).to_contain_text("Click where")
+    box = page.locator("#character canvas").bounding_box()
+    assert box
+    # The character stands in the middle of its view.
+    page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    sync_api.expect(page.locator("#contacts li")).to_have_count(count + 1, timeout=60_000)
+    assert "head" in own.character.tied
+    assert 'data="head"' in model.read_text(encoding="utf-8")
+    page.get_by_label("Remove contact_head").click()
+    sync_api.expect(page.locator("#contacts li")).to_have_count(count, timeout=60_000)
+    text(page, "undo", "Undo: point contact_head away")
+    page.locator("#undo").click()
+    sync_api.expect(page.locator("#contacts li")).to_have_count(count + 1, timeout=60_000)
     assert told == []

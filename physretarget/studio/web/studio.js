@@ -52,6 +52,7 @@
   }
 
   function take_in(found) {
+    if (stage && found.model !== stage.model) points_changed();
     const fresh = !state || found.revision !== state.revision;
     state = found;
     if (found.selected) selected = found.selected;
@@ -254,8 +255,62 @@
     }));
   }
 
+  // ---- contact points and markers ------------------------------------------------------------
+  let placing = null;
+  function place(point, words) {
+    if ($("until").value !== "edit") { $("until").value = "edit"; show(); }
+    placing = point;
+    $("caption").textContent = point ? `Click where ${words} should be (Esc: nowhere)` : stage.character;
+    $("character").classList.toggle("placing", !!point);
+  }
+
+  function points() {
+    const ties = (tie) => [new Option("nothing", ""), ...stage.ties.map((name) => new Option(name.replace("_", " "), name, false, name === tie))];
+    $("contacts").replaceChildren(...stage.handles.filter((h) => h.contact).map((h) => {
+      const item = document.createElement("li"), follows = document.createElement("select");
+      follows.append(...ties(h.tie));
+      follows.value = h.tie || "";
+      follows.setAttribute("aria-label", `What ${h.name} follows`);
+      follows.onchange = () => change("point/tie", { name: h.name, other: follows.value });
+      const again = Object.assign(document.createElement("button"), { textContent: "Place" });
+      again.setAttribute("aria-label", `Place ${h.name}`);
+      again.onclick = () => place({ name: h.name, other: h.tie || "" }, h.name);
+      const drop = Object.assign(document.createElement("button"), { textContent: "×" });
+      drop.setAttribute("aria-label", `Remove ${h.name}`);
+      drop.onclick = () => change("point/drop", { name: h.name });
+      const label = document.createElement("span");
+      label.textContent = h.name.replace(/^contact_/, "");
+      item.append(label, follows, again, drop);
+      return item;
+    }));
+    $("tie").replaceChildren(...ties(null));
+    const marker = $("marker").value;
+    $("marker").replaceChildren(...stage.markers.map((m) => new Option(`${m.name.replace(/^marker_/, "")} (${m.body})`, m.name)));
+    if (marker) $("marker").value = marker;
+    $("place").onclick = () => place({ name: "", other: $("tie").value }, "the contact point");
+    $("move").onclick = () => place({ name: $("marker").value, other: "" }, $("marker").value);
+  }
+
+  /** The character's file has other points than the page shows. */
+  async function points_changed() {
+    try {
+      stage = await ask("stage");
+      character.handles(stage.handles);
+      joints();
+      points();
+      select(selected);
+    } catch (error) { say(error.message, true); }
+  }
+
   // ---- the hand ------------------------------------------------------------------------------
   function hands(canvas) {
+    canvas.addEventListener("pointerdown", (event) => {
+      if (!placing) return;
+      event.stopImmediatePropagation();
+      const point = placing, way = character.ray(event.clientX, event.clientY).toArray();
+      place(null);
+      change("point", { ...point, qpos: pose ? pose.qpos : stage.rest, eye: character.camera.position.toArray(), way });
+    }, { capture: true });
     canvas.addEventListener("pointerdown", (event) => {
       if (!pose || $("until").value !== "edit") return;
       const handle = character.pick(event.clientX, event.clientY);
@@ -266,7 +321,7 @@
       $("caption").textContent = handle.name;
     }, { capture: true });
     canvas.addEventListener("pointermove", (event) => {
-      if (!dragging) { canvas.style.cursor = pose && character.pick(event.clientX, event.clientY) ? "grab" : ""; return; }
+      if (!dragging) { canvas.style.cursor = placing ? "crosshair" : pose && character.pick(event.clientX, event.clientY) ? "grab" : ""; return; }
       event.stopImmediatePropagation();
       const { handle } = dragging, place = character.under(event.clientX, event.clientY, dragging.from);
       dragging.moved = true;
@@ -401,6 +456,7 @@
     $("take").onchange = () => choose(+$("take").value);
     $("play").onclick = play;
     document.addEventListener("keydown", (event) => {
+      if (event.key === "Escape" && placing) { place(null); return; }
       if (event.target.matches("input[type=number], select")) return;
       const key = event.key.toLowerCase();
       if ((event.ctrlKey || event.metaKey) && key === "z") {
@@ -433,6 +489,7 @@
     character.showHandles(false);
     hands($("character").querySelector("canvas"));
     joints();
+    points();
     controls();
     $("gaze").hidden = !stage.face;
     $("limbs").hidden = !stage.limbs.length;

@@ -78,6 +78,7 @@
     // ---- handles -----------------------------------------------------------------------------
     handles(list) {
       const size = 0.014 * this.size;
+      for (const h of this.handle) this.stage.world.scene.remove(h.dot);
       this.handle = list.map((data) => {
         const dot = new Mesh(new THREE.SphereGeometry(data.tie ? size : 0.75 * size, 16, 10),
           new THREE.MeshBasicMaterial({ color: data.tie ? 0x16c784 : 0x2e86de, depthTest: false,
@@ -120,11 +121,16 @@
       return best;
     }
 
+    /** The direction from the camera through a pixel. */
+    ray(x, y) {
+      const r = this.canvas.getBoundingClientRect();
+      return new Vector3((x - r.left) / r.width * 2 - 1, 1 - (y - r.top) / r.height * 2, 0.5)
+        .unproject(this.camera).sub(this.camera.position).normalize();
+    }
+
     /** Where a pixel lies in the plane through a place that faces the camera. */
     under(x, y, place) {
-      const r = this.canvas.getBoundingClientRect();
-      const ray = new Vector3((x - r.left) / r.width * 2 - 1, 1 - (y - r.top) / r.height * 2, 0.5)
-        .unproject(this.camera).sub(this.camera.position).normalize();
+      const ray = this.ray(x, y);
       const normal = this.camera.getWorldDirection(new Vector3());
       const far = place.clone().sub(this.camera.position).dot(normal) / ray.dot(normal);
       return this.camera.position.clone().addScaledVector(ray, far);
