@@ -225,8 +225,37 @@ def face() -> dict[str, dict[str, bytes]]:
         write_csv(Path(folder) / "t.csv", take)
         found["take"] = {"two": (Path(folder) / "t.csv").read_bytes()}
     found["rig"] = {"one": RIG.encode()}
+    found |= recorders()
     found["library"] = {"one": Library.of([shot]).to_bytes()}
     return found
+
+
+def recorders() -> dict[str, dict[str, bytes]]:
+    """Two frames of every recorder of faces, and a clip of Unity."""
+    frame = {"timestamp_ms": 33, "blendshapes": {"a": 0.5}}
+    packet = "jawOpen-1|eyeBlink_L&2|=head#1,2,3|"
+    osc = "/VMC/Ext/Blend/Val"
+    made = {
+        "take_json": {
+            "audio2face": '{"exportFps": 30, "facsNames": ["a"], "weightMat": [[0], [1]]}',
+            "mediapipe": json.dumps([{**frame, "timestamp_ms": 0}, frame]),
+        },
+        "take_lines": {
+            "packets": "".join(json.dumps({"t": t, "d": packet}) + "\n" for t in (0, 16)),
+            "osc": "".join(json.dumps({"time": t, "address": osc, "args": ["a", 0.5]}) + "\n"
+                           for t in (0, 1)),
+        },
+        "take_text": {
+            "facecap": "bs,a\n" + "".join(f"k,{t}" + ",1" * 11 + "\n" for t in (0, 33)),
+            "packets": f"0 {packet}\n16 {packet}\n",
+            "osc": "".join(f'e500000{t}.00000000 {osc} sf "a" 0.5\n' for t in (0, 1)),
+        },
+        "unity": {"two": "--- !u!74 &1\nAnimationClip:\n  m_FloatCurves:\n  - curve:\n"
+                         "      m_Curve:\n      - {time: 0, value: 0}\n"
+                         "      - {time: 1, value: 1, inSlope: Infinity}\n    attribute: a\n"},
+    }  # fmt: skip
+    return {target: {n: text.encode() for n, text in files.items()}
+            for target, files in made.items()}  # fmt: skip
 
 
 def c3d() -> bytes:

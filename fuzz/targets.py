@@ -71,6 +71,10 @@ def _clip(suffix: str) -> Callable[[bytes, str], None]:
     return read
 
 
+def _take(suffix: str) -> Callable[[bytes, str], None]:
+    return lambda content, folder: void(read_take(_file(content, suffix, folder)))
+
+
 def _capture(suffix: str) -> Callable[[bytes, str], None]:
     def read(content: bytes, folder: str) -> None:
         path = _file(content, suffix, folder)
@@ -155,7 +159,11 @@ TARGETS: dict[str, Callable[[bytes, str], None]] = {
     "motion3": _shots(".motion3.json"),
     "anim": _shots(".anim"),
     "gltf": _shots(".gltf"),
-    "take": lambda content, folder: void(read_take(_file(content, ".csv", folder))),
+    "take": _take(".csv"),
+    "take_json": _take(".json"),
+    "take_lines": _take(".jsonl"),
+    "take_text": _take(".txt"),
+    "unity": _take(".anim"),
     "rig": lambda content, folder: void(Rig.load(_file(content, ".toml", folder))),
     "library": lambda content, folder: void(Library.load(_file(content, ".npz", folder))),
     "mapper": _mapper,

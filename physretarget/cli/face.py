@@ -44,7 +44,10 @@ app.add_typer(group, name="face")
 
 CaptureArgument = Annotated[
     Path,
-    typer.Argument(metavar="CAPTURE", help="Live Link Face CSV, or a CSV with time and channels."),
+    typer.Argument(
+        metavar="CAPTURE",
+        help="Facial capture: Live Link Face, Audio2Face, a CSV with times, keyed curves, …",
+    ),
 ]
 
 

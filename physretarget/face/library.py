@@ -328,7 +328,7 @@ def _dense(curve: Curve) -> Array:
 
 
 def _files(paths: Iterable[str | PathLike[str]]) -> list[Path]:
-    suffixes = tuple(s for f in FORMATS if f.read for s in f.suffixes)
+    suffixes = tuple(s for f in FORMATS if f.shots for s in f.suffixes)
     files: list[Path] = []
     for path in map(Path, paths):
         if path.is_dir():

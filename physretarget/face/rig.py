@@ -26,6 +26,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from physretarget.errors import InputError
+from physretarget.face.formats.arkit import plain_name
 from physretarget.face.shot import Take
 
 LIPS = "lips"
@@ -34,7 +35,7 @@ LIPS = "lips"
 _LIP_WORDS = ("jaw", "mouth", "tongue", "lip", "cheekpuff")
 _GROUP_WORDS = (
     ("brows", ("brow",)),
-    ("gaze", ("eyelook", "eyeyaw", "eyepitch", "eyeroll")),
+    ("gaze", ("eyelook", "eyeyaw", "eyepitch", "eyeroll", "eye.rotation")),
     ("lids", ("eye",)),
     ("head", ("head",)),
     ("lips", _LIP_WORDS),
@@ -124,18 +125,13 @@ class Rig:
             The capture in the rig's channels, same frames.
 
         Raises:
-            InputError: a channel the rig asks for is not in the capture.
+            InputError: a channel the rig asks for is not in the capture, in no spelling.
         """
         columns = []
         for channel in self.channels:
             total = np.full(len(take.time), channel.offset)
             for source, gain in channel.sources.items():
-                if source not in take.channels:
-                    raise InputError(
-                        f"rig channel {channel.name} is driven by {source}, which {take.name} "
-                        f"does not have; it has {', '.join(take.channels)}."
-                    )
-                total += gain * take.channel(source)
+                total += gain * take.channel(_spelt(source, take, channel.name))
             columns.append(np.clip(total, channel.lower, channel.upper))
         values = np.stack(columns, axis=1) if columns else np.empty((len(take.time), 0))
         names = tuple(c.name for c in self.channels)
@@ -154,6 +150,20 @@ class Rig:
         patterns = self.library.get(group, ())
         name = library_channel.lower()
         return not patterns or any(fnmatch.fnmatchcase(name, p.lower()) for p in patterns)
+
+
+def _spelt(source: str, take: Take, channel: str) -> str:
+    """How the capture spells a channel: as the rig does, else the only one that means it."""
+    if source in take.channels:
+        return source
+    alike = [c for c in take.channels if plain_name(c) == plain_name(source)]
+    if len(alike) == 1:
+        return alike[0]
+    also = f"; {', '.join(alike)} all could be meant" if alike else ""
+    raise InputError(
+        f"rig channel {channel} is driven by {source}, which {take.name} does not have{also}; "
+        f"it has {', '.join(take.channels)}."
+    )
 
 
 def guess_group(name: str) -> str:

@@ -2,29 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from physretarget.errors import InputError, UsageError
+from physretarget.face.formats.dense import LONGEST, MOST
 from physretarget.face.formats.gltf import read_gltf, write_gltf
-from physretarget.face.formats.live2d import is_live2d, read_live2d, write_live2d
-from physretarget.face.formats.livelink import is_livelink, read_livelink
-from physretarget.face.formats.lottie import is_lottie, read_lottie, write_lottie
+from physretarget.face.formats.live2d import read_live2d, write_live2d
+from physretarget.face.formats.livelink import read_livelink
+from physretarget.face.formats.lottie import read_lottie, write_lottie
 from physretarget.face.formats.maya_anim import read_maya, write_maya
-from physretarget.face.formats.plain import (
-    is_curves,
-    read_csv,
-    read_json,
-    write_csv,
-    write_json,
-)
+from physretarget.face.formats.plain import read_csv, read_json, write_csv, write_json
+from physretarget.face.formats.registry import FORMATS, Format, format_of, known, written
 from physretarget.face.formats.source import Source
-from physretarget.face.formats.spine import is_spine, read_spine
+from physretarget.face.formats.spine import read_spine
 from physretarget.face.formats.usd import read_usd, write_usd
 from physretarget.face.shot import Shot, Take
 
@@ -53,40 +46,6 @@ __all__ = [
 ]
 
 
-@dataclass(frozen=True)
-class Format:
-    """A keyed format: ``matches`` looks at parsed JSON, or is None where the suffix decides.
-
-    ``write`` returns what was lost, one sentence each.
-    """
-
-    name: str
-    suffixes: tuple[str, ...]
-    read: Callable[[Source], tuple[Shot, ...]] | None = None
-    write: Callable[[str | PathLike[str], Shot], tuple[str, ...]] | None = None
-    matches: Callable[[Any], bool] | None = None
-
-
-FORMATS: list[Format] = [
-    Format(
-        "lottie", (".lottie.json", ".json"), lambda s: (read_lottie(s),), write_lottie, is_lottie
-    ),
-    Format("spine", (".json",), read_spine, None, is_spine),
-    Format(
-        "live2d",
-        (".motion3.json", ".json"),
-        lambda s: (read_live2d(s),),
-        write_live2d,
-        is_live2d,
-    ),
-    Format("maya", (".anim",), lambda s: (read_maya(s),), write_maya),
-    Format("gltf", (".gltf", ".glb"), read_gltf, write_gltf),
-    Format("usd", (".usda", ".usdc", ".usd"), lambda s: (read_usd(s),), write_usd),
-    Format("curves", (".curves.json", ".json"), lambda s: (read_json(s),), write_json, is_curves),
-]
-"""Asked in this order; further formats append themselves."""
-
-
 def read_shots(path: str | PathLike[str]) -> tuple[Shot, ...]:
     """Every shot of a keyed file.
 
@@ -97,24 +56,16 @@ def read_shots(path: str | PathLike[str]) -> tuple[Shot, ...]:
         Its shots.
 
     Raises:
-        InputError: no reader knows it, or it is broken.
+        InputError: no reader knows it, it is broken, or it is a dense capture without keys.
     """
-    place = Path(path)
-    suited = [f for f in FORMATS if f.read and place.name.lower().endswith(f.suffixes)]
-    if not suited:
-        raise InputError(f"unknown kind of file; keyed curves are {known()}.", path=place)
-    source = Source.open(place)
-    content = source.json() if any(f.matches for f in suited) else None
-    for form in suited:
-        if form.read and (form.matches is None or form.matches(content)):
-            return form.read(source)
-    names = ", ".join(f.name for f in suited)
-    raise InputError(f"not what its suffix promises ({names}).", path=place)
-
-
-def known() -> str:
-    """Suffixes that can be read, for messages."""
-    return ", ".join(sorted({f"*{s}" for f in FORMATS if f.read for s in f.suffixes}))
+    source = Source.open(path)
+    form = format_of(source)
+    if form.shots is None:
+        raise InputError(
+            f"a dense capture ({form.title}), without keys; keyed curves are {known(keyed=True)}.",
+            path=source.path,
+        )
+    return form.shots(source)
 
 
 def write_shot(path: str | PathLike[str], shot: Shot) -> tuple[str, ...]:
@@ -129,42 +80,43 @@ def write_shot(path: str | PathLike[str], shot: Shot) -> tuple[str, ...]:
     """
     name = Path(path).name.lower()
     suited = [
-        (len(suffix), form)
+        (len(suffix), form.write)
         for form in FORMATS
         if form.write
         for suffix in form.suffixes
         if name.endswith(suffix) and (suffix != ".json" or form.name == "curves")
     ]
     if not suited:
-        allowed = sorted({f"*{s}" for f in FORMATS if f.write for s in f.suffixes})
-        raise UsageError(f"{name}: curves can be written as {', '.join(allowed)}.")
-    write = max(suited, key=lambda pair: pair[0])[1].write
-    assert write is not None
-    return write(path, shot)
+        raise UsageError(f"{name}: curves can be written as {written()}.")
+    return max(suited, key=lambda pair: pair[0])[1](path, shot)
 
 
 def read_take(path: str | PathLike[str], *, fps: float | None = None) -> Take:
-    """A dense capture: Live Link Face CSV, a plain ``time,channel,…`` CSV, or keyed curves.
+    """A dense capture of any format that is read; keyed curves are sampled.
 
-    Curves are sampled at their file's frame rate, at 60 Hz where it has none.
+    Curves are sampled at their file's frame rate, else at the rate of their keys where these stand
+    evenly as in a recording, else at 60 Hz.
 
     Args:
         path: The file.
-        fps: Rate at which keyed curves are sampled.
+        fps: Frame rate of the take; the recording's own by default.
 
     Returns:
         The capture.
+
+    Raises:
+        InputError: no reader knows it, or it is broken.
     """
     source = Source.open(path)
-    if source.path.suffix.lower() != ".csv":
-        return _sampled(read_shots(path), fps, source.path)
-    if is_livelink(source):
-        return read_livelink(source, fps=fps)
-    take = read_csv(source)
-    return take if fps is None else take.resampled(fps)
+    form = format_of(source)
+    if form.take is not None:
+        return form.take(source, fps=fps)
+    assert form.shots is not None  # what is read is a shot or a take
+    return _sampled(form.shots(source), fps, source.path)
 
 
 _CURVES_HZ = 60.0
+_SLOWEST_HZ = 20.0  # of a recording: slower ones miss a blink of a tenth of a second
 
 
 def _sampled(shots: tuple[Shot, ...], fps: float | None, path: Path) -> Take:
@@ -174,12 +126,25 @@ def _sampled(shots: tuple[Shot, ...], fps: float | None, path: Path) -> Take:
     )
     if shot is None:
         raise InputError("holds no curve that moves.", path=path)
-    rate, curves = fps or shot.fps or _CURVES_HZ, shot.curves.values()
+    curves = shot.curves.values()
+    rate = fps or shot.fps or _key_rate(shot) or _CURVES_HZ
     start = min(curve.start for curve in curves)
     end = max(max(curve.end for curve in curves), start + 1 / rate)
+    if not (end - start) * rate < LONGEST or (end - start) * rate * len(curves) > MOST:
+        raise InputError(
+            f"its curves span {end - start:g} s, too much to sample at {rate:g} Hz.", path=path
+        )
     values = np.stack([curve.sample(rate, start, end) for curve in curves], axis=1)
     notes: tuple[str, ...] = (f"Curves were sampled at {rate:g} Hz.",)
     if len(shots) > 1:
         notes += (f"Of {len(shots)} shots the first that moves is read.",)
     time = np.arange(len(values)) / rate
     return Take(shot.name, time, tuple(shot.curves), values, shot.sha256, notes)
+
+
+def _key_rate(shot: Shot) -> float | None:
+    """Keys a second, if they stand evenly and no further apart than a recording's frames."""
+    time = max((c.time for c in shot.curves.values()), key=len)
+    step = float(time[-1] - time[0]) / (len(time) - 1)
+    even = bool(np.abs(np.diff(time) - step).max() < 0.1 * step)
+    return 1.0 / step if even and step <= 1.0 / _SLOWEST_HZ and len(time) > _SLOWEST_HZ else None

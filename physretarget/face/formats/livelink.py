@@ -11,8 +11,6 @@ minute but each tenth. Such a clock is told by that, or by a semicolon ahead of 
 
 from __future__ import annotations
 
-import csv
-import io
 import re
 from dataclasses import dataclass
 from os import PathLike
@@ -21,6 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget.errors import InputError
+from physretarget.face.formats.dense import LONGEST, checked_rate, seconds
+from physretarget.face.formats.plain import cells
 from physretarget.face.formats.source import Source
 from physretarget.face.shot import Take
 
@@ -29,7 +29,6 @@ _HEADER = re.compile(rb"[\s\"']*timecode[\s\"']*[,;\t]", re.IGNORECASE)
 _CLOCKS = (24.0, 25.0, 30.0, 48.0, 50.0, 60.0, 100.0, 120.0)
 _DAY = 86400.0
 _NTSC = 1.001  # by how much a clock that drops numbers is slower than its numbers say
-_LONGEST = 1_000_000  # frames after resampling: more than four hours at 60 Hz
 
 
 @dataclass(frozen=True)
@@ -41,8 +40,16 @@ class _Rows:
 
 
 def is_livelink(source: Source) -> bool:
-    """Whether the first line is Live Link's header."""
-    return _HEADER.match(source.content[:200].lstrip(b"\xef\xbb\xbf")) is not None
+    """Whether the first line is Live Link's header, and the times below are not plain numbers."""
+    if _HEADER.match(source.content[:200].lstrip(b"\xef\xbb\xbf")) is None:
+        return False
+    below = source.content.partition(b"\n")[2][:200].lstrip()
+    cell = re.split(rb"[,;\t\n]", below)[0].decode("utf-8", "replace").strip(" \"'\r")
+    try:
+        seconds(cell)
+    except ValueError:
+        return True
+    return False
 
 
 def read_livelink(
@@ -79,32 +86,24 @@ def read_livelink(
 
 
 def _grid(time: NDArray[np.float64], fps: float, source: Source) -> NDArray[np.float64]:
-    if not (np.isfinite(fps) and fps > 0):
-        raise InputError(f"a frame rate of {fps:g} is not usable.", path=source.path)
+    fps = checked_rate(source, fps)
     count = int(np.floor(time[-1] * fps + 0.5)) + 1
-    if count > _LONGEST:
+    if count > LONGEST:
         raise InputError(
             f"its timecodes span {time[-1]:.0f} s, {count} frames at {fps:g} Hz; "
-            f"at most {_LONGEST} are read.",
+            f"at most {LONGEST} are read.",
             path=source.path,
         )
     return np.arange(max(count, 2)) / fps
 
 
 def _parse(source: Source) -> tuple[tuple[str, ...], _Rows]:
-    text = source.text()
-    first = text.partition("\n")[0]
-    delimiter = max(",;\t", key=first.count)
-    reader = csv.reader(io.StringIO(text), delimiter=delimiter, skipinitialspace=True)
-    try:
-        lines = [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
-    except csv.Error as error:
-        raise InputError(f"broken CSV: {error}.", path=source.path, line=reader.line_num) from error
-    if not lines or len(lines[0][1]) < 3 or lines[0][1][0].strip().lower() != "timecode":
+    head, lines = cells(source)
+    if len(head) < 3 or head[0].strip().lower() != "timecode":
         raise InputError(
-            "no Live Link header (Timecode,BlendShapeCount,…).", path=source.path, line=1
+            "no Live Link header (Timecode,BlendshapeCount,…).", path=source.path, line=1
         )
-    titles = [cell.strip() for cell in lines[0][1]]
+    titles = [cell.strip() for cell in head]
     while titles[-1] == "":  # a comma at the end of every line
         titles.pop()
     lead = 2 if titles[1].lower().startswith("blendshape") else 1
@@ -113,12 +112,14 @@ def _parse(source: Source) -> tuple[tuple[str, ...], _Rows]:
         raise InputError(
             "a channel name is missing or twice in the header.", path=source.path, line=1
         )
-    if len(lines) < 3:
-        raise InputError("fewer than two frames.", path=source.path)
-    parsed = [_row(source, line, row, len(header), lead) for line, row in lines[1:]]
-    seconds, frames, values, marked = zip(*parsed, strict=True)
+    # Where the face was lost, the count is zero and what stands behind it no expression.
+    seen = [(line, row) for line, row in lines if lead == 1 or row[1:2] not in (["0"], [""])]
+    if len(seen) < 2:
+        raise InputError("fewer than two frames in which a face was seen.", path=source.path)
+    parsed = [_row(source, line, row, len(header), lead) for line, row in seen]
+    whole, frames, values, marked = zip(*parsed, strict=True)
     table = np.array(values, dtype=np.float64)
-    return header, _Rows(np.array(seconds), np.array(frames), table, any(marked))
+    return header, _Rows(np.array(whole), np.array(frames), table, any(marked))
 
 
 def _row(

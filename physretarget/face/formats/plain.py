@@ -1,6 +1,7 @@
 """Plain CSV (dense) and JSON (keys): the formats for everything else, round trips exact.
 
-CSV: a header ``time,channel,...`` and rows in seconds. JSON::
+CSV: a header ``time,channel,...`` and rows in seconds; Audio2Face and MediaPipe recorders write
+such tables, too. JSON::
 
     {"format": "physretarget/curves/1", "name": "shot", "fps": 30, "curves": {"brow": {
         "weighted": true, "keys": [{"time": 0.0, "value": 1.0, "in": [-0.1, 0.0],
@@ -14,84 +15,118 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
+import re
 from dataclasses import replace
 from os import PathLike
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from physretarget.errors import InputError
 from physretarget.face.curve import Curve, Key
+from physretarget.face.formats.dense import dense_take, is_clock, seconds
 from physretarget.face.formats.source import Source, mapping, number, numbers, sequence
 from physretarget.face.shot import Shot, Take
 from physretarget.files import write_file
 
 FORMAT = "physretarget/curves/1"
-# Rows so many seconds apart hold no face that moves, in milliseconds up to 250 a second.
-_MILLISECONDS = 4.0
-# Rows whose distances differ by less than this share stand evenly: whole milliseconds at 60 Hz do.
-_ROUNDED = 0.1
+# Heads of a column of times, and their unit where they say it.
+_TIMES: dict[str, str | None] = {
+    "time": None, "t": None, "timestamp": None, "timecode": None, "seconds": "s", "sec": "s",
+    "time_s": "s", "time_sec": "s", "timestamp_s": "s", "milliseconds": "ms", "ms": "ms",
+    "time_ms": "ms", "timestamp_ms": "ms", "timestampms": "ms", "time_us": "us",
+    "timestamp_us": "us", "timestamp_ns": "ns",
+}  # fmt: skip
+# Columns that are no channel: row numbers, and MediaPipe's weight of the face at rest.
+_COUNTERS = ("frame", "index", "frame_number", "frame_idx", "_neutral")
+_AUDIO2FACE = "blendShapes."
 
 
-def read_csv(path: str | PathLike[str] | Source) -> Take:
-    """A dense take; uneven times are resampled at their median distance."""
+def read_csv(path: str | PathLike[str] | Source, *, fps: float | None = None) -> Take:
+    """A dense take: a column of times, whose head may name their unit, and one per channel.
+
+    Args:
+        path: the table; commas, semicolons or tabs between cells.
+        fps: frame rate of the take; the rows' own by default.
+
+    Returns:
+        The take; uneven times are resampled, blank cells are gaps.
+
+    Raises:
+        InputError: with the line, when the table is broken.
+    """
     source = path if isinstance(path, Source) else Source.open(path)
-    text = source.text()
-    # Where the comma is a decimal one, semicolons stand between cells.
-    commas = ";" in text.partition("\n")[0]
-    reader = csv.reader(io.StringIO(text), delimiter=";" if commas else ",")
-    try:
-        lines = [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
-    except csv.Error as error:
-        raise InputError(f"broken CSV: {error}.", path=source.path, line=reader.line_num) from error
-    if not lines or lines[0][1][0].strip().lower() not in ("time", "t", "seconds"):
-        raise InputError("the first line must be a header time,channel,…", path=source.path, line=1)
-    header = tuple(cell.strip() for cell in lines[0][1][1:])
+    head, rows = cells(source)
+    titles = [cell.strip() for cell in head]
+    while titles and titles[-1] == "":  # a comma at the end of every line
+        titles.pop()
+    number = next((k for k, title in enumerate(titles[:3]) if title.lower() in _TIMES), None)
+    if number is None or any(t.lower() not in ("", *_COUNTERS) for t in titles[:number]):
+        raise InputError(
+            "the first line must be a header time,channel,…; a column time_ms holds milliseconds.",
+            path=source.path,
+            line=1,
+        )
+    used = [k for k in range(number + 1, len(titles)) if titles[k].lower() not in _COUNTERS]
+    header = tuple(titles[k].removeprefix(_AUDIO2FACE) for k in used)
     if not header or len(set(header)) != len(header) or "" in header:
         raise InputError("channel names must be given and differ.", path=source.path, line=1)
-    rows = []
-    for line, row in lines[1:]:
-        if len(row) != len(header) + 1:
+    unit = _TIMES[titles[number].lower()]
+    times, table = [], []
+    for line, row in rows:
+        while len(row) > len(titles) and not row[-1].strip():
+            row = row[:-1]
+        if len(row) != len(titles):
             raise InputError(
-                f"{len(row)} columns where the header has {len(header) + 1}.",
+                f"{len(row)} columns where the header has {len(titles)}.",
                 path=source.path,
                 line=line,
             )
         try:
-            rows.append([float(cell.replace(",", ".") if commas else cell) for cell in row])
+            times.append(seconds(row[number]))
+            table.append([float(row[k]) if row[k].strip() else math.nan for k in used])
         except ValueError as error:
             raise InputError(f"not a number: {error}.", path=source.path, line=line) from error
-        if not np.isfinite(rows[-1]).all():
+        unit = "s" if is_clock(row[number]) else unit
+        blank = [not row[k].strip() for k in used]
+        if not np.isfinite([times[-1], *table[-1]])[[True, *(not b for b in blank)]].all():
             raise InputError("a value is not finite.", path=source.path, line=line)
-        if len(rows) > 1 and rows[-1][0] <= rows[-2][0]:
+        if len(times) > 1 and times[-1] <= times[-2]:
             raise InputError("times must increase.", path=source.path, line=line)
-    if len(rows) < 2:
-        raise InputError("fewer than two frames.", path=source.path)
-    table = np.array(rows, dtype=np.float64)
-    return _uniform(source, header, table)
+    return dense_take(source, times, header, np.array(table), unit=unit, fps=fps)
 
 
-def _uniform(source: Source, header: tuple[str, ...], table: NDArray[np.float64]) -> Take:
-    time = table[:, 0] - table[0, 0]
-    step = float(np.median(np.diff(time)))
-    notes: tuple[str, ...] = ()
-    if step >= _MILLISECONDS:
-        notes = (f"Times are milliseconds: as seconds, rows would be {step:g} s apart.",)
-        time, step = time / 1000.0, step / 1000.0
-    mean = float(time[-1]) / (len(time) - 1)
-    if np.abs(np.diff(time) - mean).max() < _ROUNDED * mean:
-        step = mean  # times are rounded: their mean distance is the true one
-    if time[-1] / step > 1_000_000:
-        raise InputError("more than a million frames after resampling.", path=source.path)
-    grid = np.asarray(step * np.arange(int(np.floor(time[-1] / step + 0.5)) + 1), np.float64)
-    values = table[:, 1:]
-    if len(grid) != len(time) or np.abs(grid - time).max() > 1e-3 * step:
-        notes += (f"Uneven times were resampled at {1 / step:g} Hz.",)
-        values = np.stack([np.interp(grid, time, v) for v in values.T], axis=1)
-    else:
-        grid = time
-    return Take(source.name, grid, header, values, source.sha256, notes)
+def is_table(source: Source) -> bool:
+    """Whether the first line is the head of a table with times."""
+    first = source.content[:4096].lstrip(b"\xef\xbb\xbf").split(b"\n", 1)[0]
+    words = re.split(r"[,;\t]", first.decode("utf-8", "replace").lower())
+    return any(w.strip(" \"'\r") in _TIMES for w in words[:3])
+
+
+def is_audio2face_table(source: Source) -> bool:
+    """Whether the table's channels bear the prefix that Audio2Face gives them."""
+    return is_table(source) and f",{_AUDIO2FACE}".encode() in source.content[:4096]
+
+
+def cells(source: Source) -> tuple[list[str], list[tuple[int, list[str]]]]:
+    """Head and rows of a CSV, each row with its line; decimal commas become points.
+
+    Where the comma is a decimal one, semicolons or tabs stand between cells.
+    """
+    text = source.text()
+    delimiter = max(",;\t", key=text.partition("\n")[0].count)
+    reader = csv.reader(io.StringIO(text), delimiter=delimiter, skipinitialspace=True)
+    try:
+        lines = [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
+    except csv.Error as error:
+        raise InputError(f"broken CSV: {error}.", path=source.path, line=reader.line_num) from error
+    if not lines:
+        raise InputError("it is empty.", path=source.path, line=1)
+    (_, head), *rows = lines
+    if delimiter != ",":
+        rows = [(line, [cell.replace(",", ".") for cell in row]) for line, row in rows]
+    return head, rows
 
 
 def write_csv(path: str | PathLike[str], take: Take) -> None:

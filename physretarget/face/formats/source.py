@@ -6,6 +6,7 @@ import hashlib
 import json
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from typing import Any, NoReturn
@@ -49,6 +50,10 @@ class Source:
 
     def json(self) -> Any:
         """Parsed strictly: NaN and infinities, which JSON does not have, are refused."""
+        return self._parsed
+
+    @cached_property
+    def _parsed(self) -> Any:
 
         def refuse(constant: str) -> NoReturn:
             raise InputError(f"{constant} is not a number that JSON allows.", path=self.path)
