@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib.util
+import ipaddress
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -85,6 +87,17 @@ def serve_command(
         int, typer.Option("--reserve", metavar="MB", min=0,
             help=("Free disk space in MB to keep: below it uploads are refused and jobs " "wait."))
     ] = 256,
+    root_path: Annotated[str, typer.Option(
+        "--root-path", metavar="PATH",
+        help="Path below which a proxy offers the service, for example /clips.")] = "",
+    proxy: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--proxy", metavar="ADDRESS",
+            help="Address or network of a proxy whose X-Forwarded-For and X-Forwarded-Proto are "
+            "believed. May be given several times.",
+        ),
+    ] = None,
     tls_cert: Annotated[
         Path | None, typer.Option("--tls-cert", metavar="FILE.pem", exists=True, dir_okay=False,
             help="TLS certificate with its chain; the service then speaks https.")
@@ -112,6 +125,7 @@ def serve_command(
     settings = Settings(
         data=data, history=_history(history), workers=workers, rate=rate,
         reserve=reserve * 2**20, tls_cert=tls_cert, tls_key=tls_key,
+        root_path=_root_path(root_path), proxies=tuple(_network(each) for each in proxy or ()),
         hosts=(*(LOOPBACK if local or name else ()), *({host} if local else ()), *(name or ())),
         require_tokens=not local or bool(name),
     )  # fmt: skip
@@ -125,6 +139,24 @@ def serve_command(
         if tls_cert is not None:
             url = url.replace("http://", "https://", 1)
         serve(settings, listening, lambda: typer.echo(f"physretarget listens at {url}"))
+
+
+def _root_path(told: str) -> str:
+    path = told.rstrip("/")
+    if path and not re.fullmatch(r"(/[A-Za-z0-9._~-]+)+", path):
+        raise UsageError(f"--root-path is {told!r}; it begins with a slash, like /clips.")
+    return path
+
+
+def _network(told: str) -> str:
+    try:
+        ipaddress.ip_network(told)
+    except ValueError as error:
+        raise UsageError(
+            f"--proxy is {told!r}; it is an address such as 10.0.0.5 or a network such as "
+            "10.0.0.0/8."
+        ) from error
+    return told
 
 
 @command(group, "create", example="physretarget token create --scope submit --name ci")

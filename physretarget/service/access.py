@@ -11,6 +11,7 @@ from typing import Annotated
 from fastapi import Depends, Query, Request, Security
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 
+from physretarget.service.below import route_path
 from physretarget.service.errors import ApiError
 from physretarget.service.service import Service
 from physretarget.service.tokens import Caller, Scope
@@ -107,7 +108,7 @@ def _open(
 def ticketed(request: Request) -> str:
     """The path and query that a ticket is for: all but the ticket itself."""
     kept = [part for part in request.url.query.split("&") if part and part[:7] != "ticket="]
-    return request.url.path + ("?" + "&".join(kept) if kept else "")
+    return route_path(request) + ("?" + "&".join(kept) if kept else "")
 
 
 Reader = Annotated[Caller, Depends(_guard("read"))]

@@ -19,6 +19,7 @@ from physretarget.service import (
     routes_system,
 )
 from physretarget.service.access import Rates
+from physretarget.service.below import Below
 from physretarget.service.middleware import Envelope
 from physretarget.service.service import Service
 
@@ -58,6 +59,7 @@ def create_app(service: Service) -> FastAPI:
         app.include_router(module.router)
     pages.install(app)
     errors.install(app)
+    app.add_middleware(Below, root=service.settings.root_path)
     app.add_middleware(Envelope, hosts=service.settings.hosts, metrics=service.metrics)
     return app
 

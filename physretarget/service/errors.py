@@ -14,6 +14,7 @@ from starlette.exceptions import HTTPException
 from starlette.routing import compile_path
 
 from physretarget.errors import PhysretargetError
+from physretarget.service.below import route_path
 
 log = logging.getLogger("physretarget.service")
 
@@ -124,7 +125,7 @@ def _methods(request: Request) -> list[str]:
     """All methods of a path: the router names only those of the first route that matches."""
     found: set[str] = set()
     for path, operations in request.app.openapi()["paths"].items():
-        if compile_path(path)[0].match(request.url.path):
+        if compile_path(path)[0].match(route_path(request)):
             found |= {name.upper() for name in operations}
     return sorted(found)
 

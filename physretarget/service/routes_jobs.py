@@ -50,9 +50,9 @@ def job_of(service: Service, id: str, caller: Caller) -> JobRecord:
     return found
 
 
-def shown(job: JobRecord) -> Job:
+def shown(job: JobRecord, service: Service) -> Job:
     """A job as the API gives it."""
-    place = f"/api/v1/jobs/{job.id}"
+    place = f"{service.settings.root_path}/api/v1/jobs/{job.id}"
     return Job(
         id=job.id, kind=job.kind, status=job.status, progress=job.progress, stage=job.stage,  # type: ignore[arg-type]
         created=job.created, started=job.started, finished=job.finished,
@@ -101,8 +101,9 @@ async def submit(
         else:
             same_or_conflict(known, drafted)
             job = known
-    response.headers["Location"] = f"/api/v1/jobs/{job.id}"
-    return shown(job)
+    made = shown(job, service)
+    response.headers["Location"] = made.links.self
+    return made
 
 
 @router.get("/jobs", response_model=JobPage, responses=responses(422, *GUARDED))
@@ -127,7 +128,7 @@ def list_jobs(
         owner=caller.owner,
     )
     return JobPage(
-        items=[shown(job) for job in found[:limit]],
+        items=[shown(job, service) for job in found[:limit]],
         next=found[limit - 1].id if len(found) > limit else None,
     )
 
@@ -135,7 +136,7 @@ def list_jobs(
 @router.get("/jobs/{id}", response_model=Job, responses=responses(404, 422, *GUARDED))
 def get_job(id: schemas.Id, service: ServiceOf, caller: Reader) -> Job:
     """One job."""
-    return shown(job_of(service, id, caller))
+    return shown(job_of(service, id, caller), service)
 
 
 @router.post("/jobs/{id}/cancel", response_model=Job, responses=responses(404, 409, 422, *GUARDED))
@@ -150,7 +151,7 @@ def cancel_job(id: schemas.Id, service: ServiceOf, caller: Submitter) -> Job:
         service.supervisor.cancel(id)
     else:
         service.release(job)
-    return shown(job)
+    return shown(job, service)
 
 
 @router.delete("/jobs/{id}", status_code=204, responses=responses(404, 409, 422, *GUARDED))
@@ -170,7 +171,7 @@ def share_job(id: schemas.Id, service: ServiceOf, caller: Submitter, shared: boo
     job = service.queue.share(id, shared, caller.owner)
     if job is None:
         raise ApiError(404, "There is no such job of yours.")
-    return shown(job)
+    return shown(job, service)
 
 
 @router.get(
@@ -213,7 +214,7 @@ async def _events(
         while current is not None:
             if current.revision > seen or current.ended:
                 name = current.status if current.ended else "progress"
-                data = shown(current).model_dump_json()
+                data = shown(current, service).model_dump_json()
                 yield f"id: {current.revision}\nevent: {name}\ndata: {data}\n\n"
                 seen, quiet = current.revision, 0.0
             if current.ended or service.stopping:

@@ -52,7 +52,7 @@ async def add_clip(
             raise ApiError(422, "A file is needed.", field="file")
         await service.checks.motion(upload)
         made = await to_thread.run_sync(service.add_clip, upload, caller.id)
-    response.headers["Location"] = f"/api/v1/clips/{made.id}"
+    response.headers["Location"] = f"{service.settings.root_path}/api/v1/clips/{made.id}"
     return _shown_clip(made)
 
 
@@ -134,7 +134,7 @@ async def add_model(
         )  # fmt: skip
         files.rename(service.home.models / made.id)
         await to_thread.run_sync(service.registry.add_model, made)
-    response.headers["Location"] = f"/api/v1/models/{made.id}"
+    response.headers["Location"] = f"{service.settings.root_path}/api/v1/models/{made.id}"
     return _shown_model(made)
 
 

@@ -108,5 +108,7 @@ def make_ticket(wanted: TicketRequest, service: ServiceOf, caller: Reader) -> Ti
     """
     path = wanted.path
     between = "&" if "?" in path else "?"
-    url = f"{path}{between}ticket={service.tickets.make(path, caller.id)}"
+    url = (
+        f"{service.settings.root_path}{path}{between}ticket={service.tickets.make(path, caller.id)}"
+    )
     return Ticket(url=url, expires_in=service.tickets.seconds)

@@ -46,12 +46,14 @@ def configuration(app: FastAPI, settings: Settings | None = None) -> uvicorn.Con
     """How uvicorn is to serve the application."""
     cert = settings.tls_cert if settings else None
     key = settings.tls_key if settings else None
+    proxies = list(settings.proxies) if settings else []
     return uvicorn.Config(
         app,
         log_config=None,
         access_log=False,
         server_header=False,
-        proxy_headers=False,
+        proxy_headers=bool(proxies),
+        forwarded_allow_ips=proxies,
         timeout_keep_alive=15,
         timeout_graceful_shutdown=_GRACE_S,
         h11_max_incomplete_event_size=_HEADER_BYTES,

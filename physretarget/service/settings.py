@@ -19,6 +19,8 @@ class Settings:
     ``rate`` requests per minute of one token or address, ``burst`` of them at once;
     ``stranger_rate`` those of an address without a valid token. 0: any number.
     ``tls_cert`` and ``tls_key`` are PEM files: with them it speaks https.
+    ``root_path`` is the path below which a proxy offers the service, "/clips" say; ``proxies`` are
+    the addresses and networks whose X-Forwarded-For and X-Forwarded-Proto are believed.
     ``reserve`` of free disk is kept: below it nothing is taken in and no job begins.
     """
 
@@ -41,3 +43,5 @@ class Settings:
     reserve: int = 256 * 2**20
     tls_cert: Path | None = None
     tls_key: Path | None = None
+    root_path: str = ""
+    proxies: tuple[str, ...] = ()

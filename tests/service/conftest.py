@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib.util
+import shutil
+import subprocess
 import sys
 import threading
 import time
@@ -74,7 +76,8 @@ class Live:
         self.service = service
         self._listening = listen("127.0.0.1", 0)
         self.url = f"http://127.0.0.1:{self._listening.getsockname()[1]}"
-        self.server = Server(configuration(create_app(service)), lambda: None, service)
+        config = configuration(create_app(service), service.settings)
+        self.server = Server(config, lambda: None, service)
         self._thread = threading.Thread(
             target=self.server.run, kwargs={"sockets": [self._listening]}
         )
@@ -149,3 +152,17 @@ def clip(drills: ModuleType) -> Callable[..., bytes]:
     """Bytes of a box that stands, or slides at m/s."""
     made: Callable[..., bytes] = drills.box_clip
     return made
+
+
+@pytest.fixture
+def certificate(tmp_path: Path) -> tuple[Path, Path]:
+    openssl = shutil.which("openssl")
+    if openssl is None:
+        pytest.skip("no openssl on this machine")
+    cert, key = tmp_path / "cert.pem", tmp_path / "key.pem"
+    subprocess.run(
+        [openssl, "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj",
+         "/CN=localhost", "-addext", "subjectAltName=DNS:localhost", "-keyout", key, "-out", cert],
+        check=True, capture_output=True,
+    )  # fmt: skip
+    return cert, key

@@ -67,20 +67,6 @@ def test_the_image_is_not_roots_and_takes_only_the_package() -> None:
             assert f"!{name}" in (ROOT / ".dockerignore").read_text().split(), name
 
 
-@pytest.fixture
-def certificate(tmp_path: Path) -> tuple[Path, Path]:
-    openssl = shutil.which("openssl")
-    if openssl is None:
-        pytest.skip("no openssl on this machine")
-    cert, key = tmp_path / "cert.pem", tmp_path / "key.pem"
-    subprocess.run(
-        [openssl, "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj",
-         "/CN=localhost", "-addext", "subjectAltName=DNS:localhost", "-keyout", key, "-out", cert],
-        check=True, capture_output=True,
-    )  # fmt: skip
-    return cert, key
-
-
 def test_it_speaks_https(tmp_path: Path, certificate: tuple[Path, Path]) -> None:
     cert, key = certificate
     child = subprocess.Popen(

@@ -1,6 +1,9 @@
 // The API as functions: one error class, the token, uploads with progress, a job's events.
 
-export const API = "/api/v1";
+/** Where the service is, below whatever path a proxy gives it: this file is at web/api.js there. */
+export const ROOT = new URL("..", import.meta.url).pathname;
+export const WEB = `${ROOT}web`;
+export const API = `${ROOT}api/v1`;
 const KEY = "physretarget-token";
 let asking = null; // the open question for a token, shared by all that wait for it
 let ask = async () => false;
@@ -105,7 +108,7 @@ export function idempotencyKey() {
 /** A URL for a frame or a download, which cannot send the token. */
 export async function openable(path) {
   if (!token.get()) return path;
-  const made = await post(`${API}/tickets`, JSON.stringify({ path }), { headers: { "Content-Type": "application/json" } });
+  const made = await post(`${API}/tickets`, JSON.stringify({ path: `/${path.slice(ROOT.length)}` }), { headers: { "Content-Type": "application/json" } });
   return made.url;
 }
 

@@ -1,13 +1,13 @@
 // The shell: routes by hash, the server's health, the question for a token, files dropped anywhere.
 
-import { $, alarm, el, fresh, say } from "/web/dom.js";
-import { ApiError, get, onUnauthorized, renew, token } from "/web/api.js";
-import { plural } from "/web/words.js";
-import { compareView } from "/web/views/compare.js";
-import { jobView } from "/web/views/job.js";
-import { jobsView } from "/web/views/jobs.js";
-import { libraryView } from "/web/views/library.js";
-import { submitView, take } from "/web/views/submit.js";
+import { $, alarm, el, fresh, say } from "./dom.js";
+import { ApiError, ROOT, get, onUnauthorized, renew, token } from "./api.js";
+import { plural } from "./words.js";
+import { compareView } from "./views/compare.js";
+import { jobView } from "./views/job.js";
+import { jobsView } from "./views/jobs.js";
+import { libraryView } from "./views/library.js";
+import { submitView, take } from "./views/submit.js";
 
 const ROUTES = [
   [/^\/jobs$/, jobsView, "Jobs"],
@@ -128,7 +128,7 @@ function tokenButton(needed) {
 async function health() {
   const badge = $("health"), words = badge.lastElementChild;
   try {
-    const told = await get("/health");
+    const told = await get(`${ROOT}health`);
     const { queued, running } = told.queue, busy = running + queued;
     badge.dataset.state = told.status === "ok" ? (busy ? "busy" : "ok") : "degraded";
     const text = told.status !== "ok" ? "degraded" : busy ? `${running} running, ${queued} waiting` : "ready";

@@ -1,6 +1,6 @@
 // Elements out of plain data. Text is always text: nothing from the server is ever parsed as HTML.
 
-import { STATUSES } from "/web/words.js";
+import { STATUSES } from "./words.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 const ICONS = {

@@ -1,7 +1,7 @@
 // A place for a file: drop it, or press it to choose; a real file input does the work.
 
-import { el, fresh, icon } from "/web/dom.js";
-import { bytes } from "/web/words.js";
+import { el, fresh, icon } from "./dom.js";
+import { bytes } from "./words.js";
 
 /** `files` is what was chosen; `set(files)` chooses, `changed` is told. */
 export function dropZone({ label, hint, accept, multiple = false, changed = () => {}, name }) {

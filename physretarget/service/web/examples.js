@@ -1,6 +1,6 @@
 // The clips that come with the page, for those who have none at hand.
 
-import { API, idempotencyKey, request, upload } from "/web/api.js";
+import { API, WEB, idempotencyKey, request, upload } from "./api.js";
 
 export const EXAMPLES = [
   { file: "lamp-jump.npz", model: "lamp", title: "a jump" },
@@ -10,7 +10,7 @@ export const EXAMPLES = [
 
 /** The example as a file, as if it had been chosen. */
 export async function exampleFile(name) {
-  const content = await (await request(`/web/examples/${name}`)).blob();
+  const content = await (await request(`${WEB}/examples/${name}`)).blob();
   return new File([content], name);
 }
 

@@ -1,7 +1,7 @@
 // Pages that a job made, in frames that can run their own scripts and reach nothing else.
 
-import { alarm, el } from "/web/dom.js";
-import { openable, token } from "/web/api.js";
+import { alarm, el } from "./dom.js";
+import { openable, token } from "./api.js";
 
 /** A frame of one of the server's pages; `seek(seconds)` of a replay moves its clock. */
 export function frame(path, title, classes = "") {

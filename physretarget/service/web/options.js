@@ -1,6 +1,6 @@
 // The options of a job as fields; which there are, and what they may be, is the server's to say.
 
-import { API, get } from "/web/api.js";
+import { API, get } from "./api.js";
 
 let known = null;
 

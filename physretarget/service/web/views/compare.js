@@ -1,9 +1,9 @@
 // Two finished jobs side by side: what got better or worse, what is new or gone, both on one clock.
 
-import { calm, el, fresh, icon, say, table } from "/web/dom.js";
-import { API, get, query } from "/web/api.js";
-import { frame } from "/web/frame.js";
-import { ago, counts, measureName, optionsTold, pair } from "/web/words.js";
+import { calm, el, fresh, icon, say, table } from "../dom.js";
+import { API, get, query } from "../api.js";
+import { frame } from "../frame.js";
+import { ago, counts, measureName, optionsTold, pair } from "../words.js";
 
 const BETTER = { lower: "lower", higher: "higher", one: "near 1", none: "not judged" };
 const SENTENCE = {

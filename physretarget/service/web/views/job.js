@@ -1,9 +1,9 @@
 // One job: how it goes, then the verdict, the findings beside the replay, the report, downloads.
 
-import { alarm, calm, confirm, el, icon, judgement, meter, say, table, verdict } from "/web/dom.js";
-import { API, ended, follow, get, post, query, remove } from "/web/api.js";
-import { frame, opening } from "/web/frame.js";
-import { FORMATS, TILES, counts, exact, measureName, number, quantity, took } from "/web/words.js";
+import { alarm, calm, confirm, el, icon, judgement, meter, say, table, verdict } from "../dom.js";
+import { API, ended, follow, get, post, query, remove } from "../api.js";
+import { frame, opening } from "../frame.js";
+import { FORMATS, TILES, counts, exact, measureName, number, quantity, took } from "../words.js";
 
 const FEW = 8; // findings that are shown at once
 const ADVICE = {

@@ -1,9 +1,9 @@
 // All jobs: search, filter, follow, cancel, choose two to compare; and what to do with none.
 
-import { alarm, calm, el, icon, meter, say, verdict } from "/web/dom.js";
-import { API, ended, get, post, query } from "/web/api.js";
-import { KINDS, STATUSES, ago, counts, exact, optionsTold } from "/web/words.js";
-import { tryExample } from "/web/examples.js";
+import { alarm, calm, el, icon, meter, say, verdict } from "../dom.js";
+import { API, WEB, ended, get, post, query } from "../api.js";
+import { KINDS, STATUSES, ago, counts, exact, optionsTold } from "../words.js";
+import { tryExample } from "../examples.js";
 
 const BUSY_MS = 1000, IDLE_MS = 4000, TYPING_MS = 250;
 const FILTERS = ["q", "status", "kind", "model"];
@@ -177,7 +177,7 @@ function welcome(signal) {
   } }, icon("play"), "Try the example");
   const step = (title, text) => el("li", {}, el("b", {}, title), " ", el("span", {}, text));
   return el("section", { class: "welcome" },
-    el("img", { src: "/web/pictures/lamp-large.jpg", alt: "", width: 400, height: 400 }),
+    el("img", { src: `${WEB}/pictures/lamp-large.jpg`, alt: "", width: 400, height: 400 }),
     el("div", {},
       el("h2", {}, "Is that motion possible?"),
       el("p", { class: "soft" }, "Send an animation clip and its character. Physics says which forces the motion " +

@@ -1,10 +1,10 @@
 // What jobs take: models and clips that are kept; upload and delete.
 
-import { alarm, calm, confirm, el, fresh, icon, say } from "/web/dom.js";
-import { API, get, query, remove, upload } from "/web/api.js";
-import { dropZone } from "/web/drop.js";
-import { ago, bytes, exact, number, plural } from "/web/words.js";
-import { picture } from "/web/views/submit.js";
+import { alarm, calm, confirm, el, fresh, icon, say } from "../dom.js";
+import { API, get, query, remove, upload } from "../api.js";
+import { dropZone } from "../drop.js";
+import { ago, bytes, exact, number, plural } from "../words.js";
+import { picture } from "./submit.js";
 
 export async function libraryView({ main, signal }) {
   const models = el("ul", { class: "models", "aria-label": "Models" }), clips = el("div"), trouble = el("div");

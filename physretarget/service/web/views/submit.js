@@ -1,11 +1,11 @@
 // Submit: a clip or a capture, a character, options; each error beside what it is about.
 
-import { alarm, el, fresh, icon, say } from "/web/dom.js";
-import { API, get, idempotencyKey, query, upload } from "/web/api.js";
-import { dropZone } from "/web/drop.js";
-import { EXAMPLES, exampleFile } from "/web/examples.js";
-import { optionsOf, readOptions, words, written } from "/web/options.js";
-import { ago, bytes, plural } from "/web/words.js";
+import { alarm, el, fresh, icon, say } from "../dom.js";
+import { API, get, idempotencyKey, query, upload } from "../api.js";
+import { dropZone } from "../drop.js";
+import { EXAMPLES, exampleFile } from "../examples.js";
+import { optionsOf, readOptions, words, written } from "../options.js";
+import { ago, bytes, plural } from "../words.js";
 
 const CLIPS = ".npz,.npy,.csv,.pkl,.txt", CAPTURES = ".bvh,.amc,.c3d,.trc,.json,.txt";
 const HEADLESS = /\.(csv|npy)$/i; // formats that carry no frame rate
