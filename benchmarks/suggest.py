@@ -1,6 +1,7 @@
 """Do suggested key poses help more than evenly spaced or random ones, at equal budget?
 
-    python benchmarks/suggest.py [--data ../shared/data] [--mapper gp] [--seeds 20]
+    python -m benchmarks.suggest [--data ../shared/data] [--mapper gp] [--seeds 20]
+    python -m benchmarks.suggest --curve docs/measured/images/suggest.png
 
 The shipped key poses are the oracle: what an animator did pose. Two studies, both on error over
 key poses that were held out (a third of all, drawn anew for each of the seeds):
@@ -143,21 +144,96 @@ def study(
         print(f"| {name} | " + " | ".join(cells) + " |")
 
 
+WORKED = (3, 5, 7, 10, 14, 20, 28, 40, 55)
+"""How many suggestions have been posed."""
+
+
+@one_thread
+def worked_through(y: Array, z: Array, seeds: int, height: float) -> tuple[Array, Array]:
+    """(seeds, len(WORKED)) error that the studio expects, and on held-out poses, % of the height.
+
+    The poses are an animator's: two thirds of the shipped ones are the frames that can be
+    suggested, the rest are held out.
+    """
+    expected, real = np.empty((seeds, len(WORKED))), np.empty((seeds, len(WORKED)))
+
+    def rms(miss: Array) -> float:
+        squared = np.sum(miss.reshape(len(miss), -1, 3) ** 2, axis=2)
+        return 100 * float(np.sqrt(np.mean(squared))) / height
+
+    for seed in range(seeds):
+        held = np.sort(np.random.default_rng(seed).permutation(len(y))[: len(y) // 3])
+        kept = np.setdiff1d(np.arange(len(y)), held)
+        picked = kept[[s.index for s in suggest(y[kept], y[:0], count=max(WORKED))]]
+        for k, budget in enumerate(WORKED):
+            now = picked[:budget]
+            mapper = mapping.fit("sgplvm", y[now], z[now], dims=min(8, budget - 1), seed=0)
+            expected[seed, k] = 100 * mapper.predict(y[held]).expected_error / height
+            real[seed, k] = rms(mapper.predict(y[held]).mean - z[held])
+    return expected, real
+
+
+def curve(told: argparse.Namespace) -> None:
+    """Print the table of expected and real errors and draw it."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, places = plt.subplots(1, 3, figsize=(11, 3.4), sharey=True, layout="constrained")
+    print("| | " + " | ".join(map(str, WORKED)) + " |\n|---|" + "---|" * len(WORKED))
+    for axes, name in zip(places, ("lamp", "penguin", "squirrel"), strict=True):
+        y, z, _, character = read(name, None)
+        expected, real = worked_through(y, z, told.seeds, character.height)
+        for what, values, colour in (
+            ("expected", expected, "tab:blue"), ("on held-out poses", real, "tab:orange"),
+        ):  # fmt: skip
+            middle, spread = values.mean(axis=0), values.std(axis=0)
+            print(f"| {name}, {what} | " + " | ".join(f"{v:.1f}" for v in middle) + " |")
+            axes.plot(WORKED, middle, "o-", color=colour, label=what, markersize=3)
+            axes.fill_between(WORKED, middle - spread, middle + spread, color=colour, alpha=0.15)
+        axes.set(title=name, xlabel="key poses posed", ylim=(0, 40))
+        axes.grid(alpha=0.3)
+    places[0].set_ylabel("RMS error, % of the height")
+    places[0].legend()
+    figure.savefig(told.curve, dpi=110)
+
+
+def read(
+    name: str, data: Path | None
+) -> tuple[Array, Array, Callable[[NDArray[np.int64]], tuple[Array, Array]], Character]:
+    """A character's pairs by capture and time, and what chooses out of frames of the captures."""
+    character = Character.load(MODELS / f"{name}.xml")
+    files = [MODELS / f"{name}{kind}.keyposes.toml" for kind in ("", ".bandai-nc")]
+    poses = keyposes.load_keyposes([f for f in files if f.is_file()], character)
+    order = ordered(poses)
+    y, z = (each[order] for each in keyposes.training_pairs(poses, character))
+    sources = [poses.poses[i].source for i in order]
+    oracle = mapping.fit("sgplvm", y, z, seed=0)
+    actor = keyposes.actor_character_of_reference()
+    taken = frames_of(list(dict.fromkeys(sources)), data, actor)
+    posed = {name: oracle.predict(frames).mean for name, frames in taken.items()}
+
+    def from_captures(kept: NDArray[np.int64]) -> tuple[Array, Array]:
+        names = [n for n in dict.fromkeys(sources[i] for i in kept) if n in taken]
+        return np.concatenate([taken[n] for n in names]), np.concatenate([posed[n] for n in names])
+
+    return y, z, from_captures, character
+
+
 def main() -> None:
-    """Both studies."""
+    """Both studies, or the curve."""
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--data", type=Path, default=MODELS.parents[1] / "shared" / "data")
     options.add_argument("--mapper", default="gp")
     options.add_argument("--character", default="lamp")
     options.add_argument("--seeds", type=int, default=20)
+    options.add_argument("--curve", type=Path, metavar="PICTURE.png")
     told = options.parse_args()
-    character = Character.load(MODELS / f"{told.character}.xml")
-    files = [MODELS / f"{told.character}{kind}.keyposes.toml" for kind in ("", ".bandai-nc")]
-    poses = keyposes.load_keyposes(files, character)
-    order = ordered(poses)
-    y, z = (each[order] for each in keyposes.training_pairs(poses, character))
-    sources = [poses.poses[i].source for i in order]
-    actor = keyposes.actor_character_of_reference()
+    if told.curve is not None:
+        curve(told)
+        return
+    y, z, from_captures, character = read(told.character, told.data)
     common = {"seeds": told.seeds, "height": character.height}
     print(
         f"{told.character}, {told.mapper}, {len(y)} pairs; RMS error on held-out pairs, percent of"
@@ -165,15 +241,7 @@ def main() -> None:
     print("the height, mean ± deviation over the splits, share of splits better than evenly spaced")
     print("\npairs\n")
     study(told.mapper, y, z, lambda kept: (y[kept], z[kept]), **common)  # type: ignore[arg-type]
-    oracle = mapping.fit("sgplvm", y, z, seed=0)
-    taken = frames_of(list(dict.fromkeys(sources)), told.data, actor)
-    posed = {name: oracle.predict(frames).mean for name, frames in taken.items()}
-
-    def from_captures(kept: NDArray[np.int64]) -> tuple[Array, Array]:
-        names = [n for n in dict.fromkeys(sources[i] for i in kept) if n in taken]
-        return np.concatenate([taken[n] for n in names]), np.concatenate([posed[n] for n in names])
-
-    print(f"\nframes ({sum(map(len, taken.values()))} of {len(taken)} captures)\n")
+    print("\nframes\n")
     study(told.mapper, y, z, from_captures, **common)  # type: ignore[arg-type]
 
 

@@ -35,6 +35,14 @@ class Mapped:
         result: Array = self.variance[:, None] * share
         return result
 
+    @property
+    def expected_error(self) -> float:
+        """Root mean square distance by which a virtual marker is to be missed over all frames, m.
+
+        Where the key poses contradict each other, the error is larger (docs/measured/suggest.md).
+        """
+        return float(np.sqrt(3.0 * np.mean(self.variance)))
+
 
 class Mapper(Protocol):
     """A learned map from actor features to character features."""

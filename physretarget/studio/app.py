@@ -160,7 +160,7 @@ def _looks(app: FastAPI, session: Session, rehearsal: Rehearsal) -> None:
         found = rehearsal.coverage(session.keyposes)
         candidates = found.candidates
         return {
-            "mean": found.mean,
+            "expected": found.expected,
             "takes": [
                 {
                     "time": [

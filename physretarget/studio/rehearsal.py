@@ -41,17 +41,14 @@ class Coverage:
     """How well candidates are known, given what is posed.
 
     ``unknown`` (M,) is what remains of each candidate's standard deviation, 1 where nothing like it
-    is posed; ``mean`` the mean of its square over all: the expected squared error, as a share of
-    what it is with no key pose.
+    is posed; ``expected`` the error to be expected on frames that are not posed, as a share of the
+    character's height: the root mean square of the mapper's own standard deviation there. None
+    while there are too few key poses for a mapper.
     """
 
     candidates: Candidates
     unknown: Array
-
-    @property
-    def mean(self) -> float:
-        """Share of the expected squared error that is left."""
-        return float(np.mean(self.unknown**2))
+    expected: float | None
 
 
 class Rehearsal:
@@ -118,8 +115,11 @@ class Rehearsal:
 
     def coverage(self, keyposes: KeyPoseSet) -> Coverage:
         """How well frames of the takes are known."""
-        candidates = self.candidates()
-        return Coverage(candidates, uncertainty(candidates.y, posed_features(keyposes)))
+        candidates, expected = self.candidates(), None
+        if len(keyposes) >= FEWEST:
+            mapped = self.mapper(keyposes).mapper.predict(candidates.y)
+            expected = mapped.expected_error / self.character.height
+        return Coverage(candidates, uncertainty(candidates.y, posed_features(keyposes)), expected)
 
     def candidates(self) -> Candidates:
         """Frames of all takes that could be posed."""

@@ -11,10 +11,17 @@ import numpy as np
 import pytest
 from fastapi.testclient import TestClient
 
+from physretarget.demo import models_folder
 from physretarget.errors import UsageError
-from physretarget.keyposes import KeyPose, actor_character_of_reference
+from physretarget.keyposes import (
+    KeyPose,
+    actor_character_of_reference,
+    load_keyposes,
+    training_pairs,
+)
 from physretarget.keyposes.propose import gazes
 from physretarget.kinematics import forward, points
+from physretarget.mapping import fit
 from physretarget.mjcf import Character
 from physretarget.studio import Conflict, Session
 from physretarget.studio.app import MOST_BYTES, build
@@ -227,11 +234,26 @@ def test_suggestions_lower_what_is_unknown(page: TestClient) -> None:
     for _ in range(4):
         first = page.get("/api/suggest?count=1").json()[0]
         change(page, "add", take=first["take"], time=first["time"])
-        left.append(page.get("/api/coverage").json()["mean"])
+        found = page.get("/api/coverage").json()
+        left.append(np.mean([np.mean(take["unknown"]) for take in found["takes"]]))
     assert left == sorted(left, reverse=True)
     assert left[-1] < 0.5
+    assert 0 < found["expected"] < 1
     remarks = page.get("/api/state").json()["remarks"]
     assert not [r for r in remarks if r["severity"] == "error"]
+
+
+def test_the_error_expected_is_what_the_mapper_misses_on_poses_left_out(
+    penguin: Character,
+) -> None:
+    """On an animator's poses; the estimate may be somewhat too good, never useless."""
+    poses = load_keyposes([models_folder() / "penguin.keyposes.toml"], penguin)
+    y, z = training_pairs(poses, penguin)
+    held = np.arange(len(y)) % 3 == 0
+    mapped = fit("sgplvm", y[~held], z[~held], seed=0).predict(y[held])
+    miss = (mapped.mean - z[held]).reshape(int(held.sum()), -1, 3)
+    real = float(np.sqrt(np.mean(np.sum(miss**2, axis=2))))
+    assert 0.6 * real < mapped.expected_error < 1.2 * real
 
 
 def test_a_take_plays_with_what_is_posed(posed: TestClient) -> None:

@@ -71,12 +71,27 @@
       try {
         const [known, queue] = await Promise.all([ask("coverage"), ask("suggest?count=8")]);
         coverage = known;
-        $("known").textContent = `Expected squared error: ${(100 * known.mean).toFixed(0)} % of that with nothing posed.`;
+        expected(known.expected);
         $("queue").replaceChildren(...queue.map(suggestion));
         line();
         if ($("until").value !== "edit") show();
       } catch (error) { say(error.message, true); }
     }, 150);
+  }
+
+  /** The error to be expected on unposed frames, and what the last change did to it. */
+  let before = null;
+  function expected(now) {
+    const percent = (share) => `${(100 * share).toFixed(1)} %`;
+    let text = "Expected error: two key poses tell.";
+    if (now !== null) {
+      text = `Expected error on other frames: ${percent(now)} of the height`;
+      if (before !== null && Math.abs(now - before) >= 0.0005) text += `, ${now < before ? "fell" : "rose"} by ${percent(Math.abs(now - before))}`;
+      text += ".";
+    }
+    $("known").textContent = text;
+    $("known").title = "Root mean square distance of a virtual marker, by the standard deviation that the mapper gives itself";
+    before = now;
   }
 
   // ---- lists ---------------------------------------------------------------------------------
