@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
-from physretarget.face.curve import Key, solve_time
+from physretarget.face.bezier import solve_time
+from physretarget.face.curve import Key
 from physretarget.face.spans import HOLD, KINDS, LINE
 
 Array = NDArray[np.float64]

@@ -3,8 +3,10 @@
 ::
 
     name = "girl"
-    [groups.brows]                       # lids, gaze, head likewise; lips are left to the capture
+    [groups.brows]                       # lids, gaze, head, lips likewise
     library = ["*brow*"]                 # library channels this group may borrow from; all if unset
+    [groups.lips]
+    keyed = true                         # else lips, and they alone, are left to the capture
     [channels.brow_up]
     group = "brows"
     range = [0.0, 1.0]
@@ -61,11 +63,14 @@ class RigChannel:
 
 @dataclass(frozen=True)
 class Rig:
-    """A rig's channels and, per group, the library channels that it borrows from (patterns)."""
+    """A rig's channels and, per group, the library channels that it borrows from (patterns), and
+    whether it is keyed or left to the capture.
+    """
 
     name: str
     channels: tuple[RigChannel, ...]
     library: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    keyed: Mapping[str, bool] = field(default_factory=dict)
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Rig:
@@ -105,15 +110,15 @@ class Rig:
         return cls(take.name, tuple(channels))
 
     def matched(self, *, lips: bool = False) -> tuple[RigChannel, ...]:
-        """Channels to be matched: without lips, unless asked for.
+        """Channels to be matched: of groups that the rig says are keyed, and not lips else.
 
         Args:
-            lips: Match lips, too.
+            lips: Match all groups, whatever the rig says.
 
         Returns:
             The channels.
         """
-        return tuple(c for c in self.channels if lips or c.group != LIPS)
+        return tuple(c for c in self.channels if lips or self.keyed.get(c.group, c.group != LIPS))
 
     def drive(self, take: Take) -> Take:
         """The capture carried onto the rig's channels, kept within their ranges.
@@ -199,9 +204,14 @@ class _Parser:
 
     def rig(self, content: dict[str, Any]) -> Rig:
         self.table("the file", content, ("name", "groups", "channels"))
-        library = {}
+        library, keyed = {}, {}
         for group, entry in self.table("groups", content.get("groups", {})).items():
-            patterns = self.table(f"groups.{group}", entry, ("library",)).get("library", [])
+            told = self.table(f"groups.{group}", entry, ("library", "keyed"))
+            patterns = told.get("library", [])
+            if not isinstance(told.get("keyed", True), bool):
+                self.fail(f"groups.{group}.keyed must be true or false.")
+            if "keyed" in told:
+                keyed[group] = told["keyed"]
             if not isinstance(patterns, list) or not all(isinstance(p, str) for p in patterns):
                 self.fail(f"groups.{group}.library must be a list of patterns.")
             library[group] = tuple(patterns)
@@ -209,7 +219,7 @@ class _Parser:
         if not entries:
             self.fail("the rig has no [channels.NAME].")
         channels = tuple(self.channel(name, entry, library) for name, entry in entries.items())
-        return Rig(str(content.get("name", self.path.stem)), channels, library)
+        return Rig(str(content.get("name", self.path.stem)), channels, library, keyed)
 
     def channel(self, name: str, entry: Any, groups: Mapping[str, Any]) -> RigChannel:
         where = f"channels.{name}"

@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from physretarget.errors import InputError
-from physretarget.face.curve import Curve, Key, solve_time
+from physretarget.face.bezier import solve_time
+from physretarget.face.curve import Curve, Key
 
 unit = st.floats(0, 1)
 small = st.floats(-100, 100)

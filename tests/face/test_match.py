@@ -298,3 +298,35 @@ def test_segments_of_the_paper_do_not_overlap(settings):
         assert channel.pieces[-1].end == pytest.approx(take.time[-1])
         for left, right in pairwise(channel.pieces):
             assert left.end == pytest.approx(right.start)
+
+
+RIG_WITH_LIPS = """
+[groups.brows]
+library = ["brow*"]
+[groups.lips]
+keyed = true
+library = ["mouth of another character"]
+[groups.head]
+keyed = false
+[channels.BrowInnerUp]
+[channels.JawOpen]
+[channels.HeadYaw]
+range = [-1.0, 1.0]
+"""
+
+
+@pytest.mark.parametrize("preset", [None, "ruhland2017"])
+def test_the_rig_says_which_groups_are_keyed_and_none_needs_shots(tmp_path, preset):
+    """Lips that the rig has keyed, but of which no shot exists, are keyed by the capture alone."""
+    (tmp_path / "rig.toml").write_text(RIG_WITH_LIPS)
+    take = take_of(unseen(), unseen(2), unseen(), names=("BrowInnerUp", "JawOpen", "HeadYaw"))
+    rig = Rig.load(tmp_path / "rig.toml")
+    result = match(take, LIBRARY, rig, MatchSettings(preset=preset))
+    assert set(result.channels) == {"BrowInnerUp", "JawOpen"}
+    assert set(result.dense) == {"HeadYaw"}
+    assert any("Group lips: the library has no shot" in note for note in result.notes)
+    jaw = result.channels["JawOpen"]
+    assert jaw.error < 0.05
+    assert not any(piece.shot for piece in jaw.pieces)
+    everything = match(take, LIBRARY, rig, MatchSettings(preset=preset, lips=True))
+    assert set(everything.channels) == {"BrowInnerUp", "JawOpen", "HeadYaw"}
