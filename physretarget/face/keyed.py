@@ -15,6 +15,7 @@ from physretarget.face.library import Library
 from physretarget.face.programme import ProgrammeSettings, Score, programme, whole_rest
 from physretarget.face.result import MatchSettings
 from physretarget.face.rig import Rig
+from physretarget.face.sides import together
 from physretarget.face.sources import Piece, Shapes, named, span_sources
 from physretarget.face.spans import HOLD, KINDS
 from physretarget.face.style import Clues, keyed_by, learn
@@ -32,6 +33,10 @@ def by_programme(
     wanted = ProgrammeSettings(key_price=settings.key_cost, level=settings.fidelity)
     pinned = [list(frames) for frames in job.locked]
     scores = _scores(job, library, settings, wanted, pinned, banks, progress)
+    names = [channel.name for channel in job.channels]
+    scores = together(
+        names, scores, job.values, job.smooth, job.take.fps, settings.key_cost, pinned
+    )
     drafts = []
     for row, (channel, score) in enumerate(zip(job.channels, scores, strict=True)):
         whole = from_itself(job, row, library, rig, banks)

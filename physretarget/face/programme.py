@@ -283,7 +283,7 @@ def polish(
                 some = frames[a : b + 1] - low
                 some[k - a] = place - low
                 local = Chain(some, kinds[a:b])
-                found.append((_unlikely(values[part], weight[part], level, local), step))
+                found.append((unlikely(values[part], weight[part], level, local), step))
             best = min(found, key=lambda f: (round(f[0], 9), abs(f[1])))
             frames[k] += best[1]
             moved |= best[1] != 0
@@ -292,7 +292,8 @@ def polish(
     return Chain(frames, kinds)
 
 
-def _unlikely(values: Array, weight: Array, level: float, chain: Chain) -> float:
+def unlikely(values: Array, weight: Array, level: float, chain: Chain) -> float:
+    """Minus the logarithm of a chain's likelihood on a stretch of values, nats."""
     model = _model(chain, values, weight)
     slope = np.gradient(model) if len(model) > 2 else np.zeros(len(model))
     variance = level**2 + JITTER * slope**2
