@@ -148,7 +148,7 @@ class _Pair:
         frames = [side.score.chain.frames.tolist() for side in self.sides]
         before = [list(f) for f in frames]
         reach = max(2, round(NEAR * self.fps))
-        for a, b in _matched(*frames, reach):
+        for a, b in _matched(frames[0], frames[1], reach):
             if a != b and self.flags[a] and self.flags[b]:
                 self._join(frames, a, b)
         for own in (0, 1):
