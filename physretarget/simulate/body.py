@@ -31,7 +31,8 @@ class Body:
     Attributes:
         character: whose motion is played.
         model: what is stepped.
-        coarse: the same with steps of a knot's length and a motor on every controlled degree of
+        smoother: the same on a floor of less friction.
+        coarse: ``model`` with steps of a knot's length and a motor on every controlled degree of
             freedom, for derivatives.
         xml: text of ``model`` where it differs from the character's file, else empty.
         controls: (nu,) degrees of freedom that torques act on; the root's six come first in assist
@@ -43,6 +44,7 @@ class Body:
 
     character: Character
     model: mujoco.MjModel
+    smoother: mujoco.MjModel
     coarse: mujoco.MjModel
     xml: str
     controls: Ints
@@ -69,7 +71,9 @@ def build_body(character: Character, settings: SimulationSettings) -> Body:
     model = mujoco.MjModel.from_xml_string(xml) if xml else copy.copy(character.model)
     _options(model, settings.timestep)
     controls = _controls(character, assist=settings.assist)
-    coarse = _coarse(character, xml, controls, settings.knot)
+    coarse, smoother = _coarse(character, xml, controls, settings.knot), copy.copy(model)
+    smoother.geom_friction[:, 0] *= settings.friction_share
+    smoother.pair_friction[:, :2] *= settings.friction_share
     low, high, told = torque_limits(character, settings.torque_multiple)
     if told:
         notes.append(told)
@@ -78,6 +82,7 @@ def build_body(character: Character, settings: SimulationSettings) -> Body:
     return Body(
         character=character,
         model=model,
+        smoother=smoother,
         coarse=coarse,
         xml=xml,
         controls=controls,

@@ -7,6 +7,8 @@ positive semidefinite and every torque has its price, Q_uu needs no regularisati
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import mujoco
@@ -57,8 +59,22 @@ class Planner:
         self.settings = reference.settings
         self.data = mujoco.MjData(body.model)
         self._coarse = mujoco.MjData(body.coarse)
+        self._smoother = False
         self._tail = self._servo()
         self.derivatives = 0
+
+    @property
+    def _model(self) -> mujoco.MjModel:
+        return self.body.smoother if self._smoother else self.body.model
+
+    @contextmanager
+    def on_a_smoother_floor(self) -> Iterator[None]:
+        """Plan meanwhile with less friction than there is."""
+        self._smoother = True
+        try:
+            yield
+        finally:
+            self._smoother = False
 
     # -- rolling out ------------------------------------------------------------------------
 
@@ -80,7 +96,7 @@ class Planner:
         the departure from it; beyond, the reference's torques and a servo. None once the cost
         exceeds `bound` or the body has come apart.
         """
-        body, model, data, cost = self.body, self.body.model, self.data, self.cost
+        body, model, data, cost = self.body, self._model, self.data, self.cost
         nv, horizon = model.nv, last - first
         mujoco.mj_setState(model, data, start, _STATE)
         qpos, qvel = np.empty((horizon + 1, model.nq)), np.empty((horizon + 1, nv))
@@ -161,7 +177,7 @@ class Planner:
         Returns the new start and a plan from it. A clip gives poses: at its first frame the speed
         is known no better than it changes over a frame.
         """
-        model, data, nv = self.body.model, self.data, self.body.model.nv
+        model, data, nv = self._model, self.data, self.body.model.nv
         last, doubt = plan.first + len(plan.torque), self.reference.speed_doubt
         for _ in range(iterations):
             slopes = [self.linearise(plan, k) for k in range(len(plan.torque))]
@@ -245,6 +261,9 @@ class Planner:
     def linearise(self, plan: Plan, k: int) -> Array:
         """(2 nv, 2 nv + nu) derivative of the next state by state and torque, over one knot."""
         model, data, nv = self.body.coarse, self._coarse, self.body.coarse.nv
+        share = self.settings.friction_share if self._smoother else 1.0
+        model.geom_friction[:, 0] = share * self.body.model.geom_friction[:, 0]
+        model.pair_friction[:, :2] = share * self.body.model.pair_friction[:, :2]
         data.qpos[:], data.qvel[:] = plan.qpos[k], plan.qvel[k]
         data.qacc_warmstart[:] = plan.warm[k]
         data.ctrl[:] = plan.torque[k]

@@ -54,6 +54,10 @@ class SimulationSettings:
             the height of the centre of mass.
         tail_hz: frequency of the critically damped servo that continues a plan beyond its end.
         smooth_hz: low-pass on the accelerations of the reference torques.
+        friction_share: of the friction coefficient that plans count on while they are good with it;
+            the simulation itself has all of it. A foot planned to the edge of its cone slips when
+            the state or the floor is a little off, and the gains know nothing of slipping
+            (constraints tightened against disturbances: Chisci, Rossiter and Zappa 2001).
         touch: share of the height within which geometry bears load in the reference.
         lift: m of median penetration that count as an offset of the whole clip and are taken out.
         torque_multiple: limit of a joint's torque, in gravity torques, where the model has none.
@@ -96,6 +100,7 @@ class SimulationSettings:
     assist_weight: float = 0.1
     tail_hz: float = 3.0
     smooth_hz: float = 10.0
+    friction_share: float = 0.8
     touch: float = 0.01
     lift: float = 0.002
     torque_multiple: float = 8.0

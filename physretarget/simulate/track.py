@@ -92,6 +92,7 @@ class _Tracker:
         self.best: tuple[Piece, ...] = ()
         self.fall: Piece | None = None
         self.care, self.careful_until, self.attempts = 0, 0, 0
+        self.grip = False  # whether the last window needed all friction
         self.data = mujoco.MjData(self.model)
         self.data.qpos[:], self.data.qvel[:] = reference.qpos[0], reference.qvel[0]
         self.started = time.process_time()
@@ -164,9 +165,7 @@ class _Tracker:
         if knot == 0 and iterations > 1:
             before, plan = self.planner.quicken(before, plan, iterations)
             self._restore(before)
-        plan = self.planner.improve(
-            before, plan, iterations, settings.hard_iterations if iterations > 1 else 0
-        )
+        plan = self._improved(before, plan, iterations)
         if iterations > 1 and plan.cost > settings.stuck:
             plan = self._others(before, plan, iterations)
         piece = self._play(before, plan, min(knot + round(settings.commit / settings.knot), last))
@@ -176,6 +175,21 @@ class _Tracker:
         self._restore(before)
         self.fall = piece.until(piece.first + int(gone[0]) + 1)
         return None
+
+    def _improved(self, before: Array, plan: Plan, iterations: int) -> Plan:
+        """Newton steps: on a smoother floor while that is good enough, else on the real one."""
+        planner, settings, last = self.planner, self.settings, plan.first + len(plan.torque)
+        if not self.grip:
+            with planner.on_a_smoother_floor():
+                smooth = planner.improve(before, plan, iterations)
+            kept = planner.follow(before, plan.first, last, smooth, gain=smooth.gain)
+            if kept is not None and kept.cost <= settings.good:
+                kept.gain = smooth.gain
+                return kept
+        hard = settings.hard_iterations if iterations > 1 else 0
+        plan = planner.improve(before, plan, iterations, hard)
+        self.grip = iterations > 1 and plan.cost > settings.good
+        return plan
 
     def _begin(self, before: Array, knot: int, last: int) -> Plan | None:
         """The old plan continued, or, where that falls apart, the reference's torques."""

@@ -337,7 +337,10 @@ def test_the_page_shows_the_clip_over_the_simulation(nod: Simulation) -> None:
 
 
 def test_a_walk_is_followed_from_aside_and_on_a_smoother_floor(data: Path, tmp_path: Path) -> None:
-    """5 mm aside, and friction 0.8: under the recorded gains a G1 keeps walking."""
+    """5 mm aside, and friction down to 0.6: under the recorded gains a G1 keeps walking.
+
+    Planned with all friction it slips on 0.8 and ends 15 cm off.
+    """
     model = data / "robot" / "g1_no_mesh_box_feet.xml"
     character = Character.load(model)
     clip = load_clip(data / "robot" / "g1_walk.csv", character=character, fps=30.0, quat="wxyz")
@@ -346,14 +349,15 @@ def test_a_walk_is_followed_from_aside_and_on_a_smoother_floor(data: Path, tmp_p
     with np.load(tmp_path / "SIM.npz") as loaded:
         sim = dict(loaded)
     assert (replay(sim, model_of(sim, model)) == sim["qpos"]).all()
-    for friction in (None, 0.8):
+    for friction in (None, 0.8, 0.6):
         played = model_of(sim, model)
         if friction is not None:
             played.geom_friction[:, 0] = np.minimum(played.geom_friction[:, 0], friction)
-        start = sim["sim_qpos0"].copy()
-        start[0] += 0.005
-        end = follow(sim, played, start, sim["sim_qvel0"])[-1]
-        assert np.linalg.norm(end[:3] - sim["qpos"][-1, :3]) < 0.02
+        for aside in ((0.005, 0.0), (-0.005, 0.0), (0.0, 0.005), (0.0, -0.005)):
+            start = sim["sim_qpos0"].copy()
+            start[:2] += aside
+            end = follow(sim, played, start, sim["sim_qvel0"])[-1]
+            assert np.linalg.norm(end[:3] - sim["qpos"][-1, :3]) < 0.02
 
 
 def test_plans_are_kept_only_where_a_retreat_leads() -> None:
