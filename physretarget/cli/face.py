@@ -14,18 +14,20 @@ from physretarget.cli import app
 from physretarget.cli.common import Given, command, progress, say
 from physretarget.errors import UsageError
 from physretarget.face.curve import Curve, Key
+from physretarget.face.events import find_events, moved
 from physretarget.face.formats import read_shots, read_take, write_shot
 from physretarget.face.library import Library, LibrarySettings
 from physretarget.face.match import MatchSettings, Result, match
 from physretarget.face.measure import extremum_timing, turning_point_timing
 from physretarget.face.reduce import reduce_curve
 from physretarget.face.report import take_report, write_report
-from physretarget.face.rig import Rig
+from physretarget.face.rig import Rig, guess_group
 from physretarget.face.shot import Shot
 from physretarget.files import write_file
-from physretarget.options import LIBRARY, MATCH, REDUCE, build
+from physretarget.options import EVENTS, LIBRARY, MATCH, REDUCE, build
 from physretarget.options.facial import (
     LARGEST_ERROR,
+    EventOptions,
     LibraryFiles,
     LibraryOptions,
     MatchReport,
@@ -118,21 +120,60 @@ def match_command(capture: CaptureArgument, given: Given) -> None:
     )
     report = build(MatchReport, given).report
     if report is not None:
-        _write_report(report, result)
+        _write_report(report, result, used)
         with progress("report"):
             write_report(report / "index.html", take_report(result, used, shots))
         say(f"{report / 'index.html'}: every channel on a timeline; click a key for its source.")
 
 
-def _locked(path: Path) -> dict[str, tuple[Key, ...]]:
+@command(
+    group,
+    "events",
+    EVENTS,
+    example="physretarget face events take.anim --rig girl.toml --move 3 --by 0.1 --out later.anim",
+)
+def events_command(
+    curves: Annotated[Path, typer.Argument(metavar="CURVES", help="Keyed curves of one shot.")],
+    given: Given,
+) -> None:
+    """List blinks, eye darts, brow hits, jaw drops, nods and holds, and move one as a whole."""
+    told, rig = build(EventOptions, given), build(RigFile, given).rig
+    if (told.move is None) != (told.by is None) or (told.move is None) != (told.out is None):
+        raise UsageError("--move, --by and --out belong together.")
+    shot = _one_shot(curves)
+    named = {} if rig is None else {c.name: c.group for c in Rig.load(rig).channels}
+    groups = {name: named.get(name) or guess_group(name) for name in shot.curves}
+    found = find_events(shot.curves, groups)
+    if told.move is None or told.by is None or told.out is None:
+        for number, event in enumerate(found, 1):
+            names = ", ".join(event.channels) if event.kind != "hold" else "all"
+            typer.echo(
+                f"{number:4d}  {event.kind:9s} {event.start:7.2f}–{event.end:.2f} s  {names}"
+            )
+        say(f"{curves}: {len(found)} events.")
+        return
+    if told.move > len(found):
+        raise UsageError(f"--move {told.move}: {curves} has {len(found)} events.")
+    event = found[told.move - 1]
+    for loss in write_shot(told.out, moved(shot, event, told.by)):
+        say(loss)
+    say(f"{told.out}: {event.kind} from {event.start:.2f} to {event.start + told.by:.2f} s.")
+
+
+def _one_shot(path: Path) -> Shot:
     shots = read_shots(path)
     if len(shots) != 1:
-        raise UsageError(f"--locked {path}: one shot is needed, it holds {len(shots)}.")
-    return {name: curve.keys for name, curve in shots[0].curves.items()}
+        raise UsageError(f"{path}: one shot is needed, it holds {len(shots)}.")
+    return shots[0]
 
 
-def _write_report(folder: Path, result: Result) -> None:
+def _locked(path: Path) -> dict[str, tuple[Key, ...]]:
+    return {name: curve.keys for name, curve in _one_shot(path).curves.items()}
+
+
+def _write_report(folder: Path, result: Result, rig: Rig) -> None:
     folder.mkdir(parents=True, exist_ok=True)
+    events = find_events(result.shot().curves, {c.name: c.group for c in rig.channels})
     content = {
         "schema": "physretarget/face/1",
         "capture": {
@@ -144,6 +185,7 @@ def _write_report(folder: Path, result: Result) -> None:
         "settings": asdict(result.settings),
         "keys": result.keys,
         "reduction": result.reduction,
+        "events": [asdict(event) for event in events],
         "channels": {
             name: {
                 "error": channel.error,

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from physretarget import __version__, assets
 from physretarget.errors import InputError
 from physretarget.face.curve import Curve
+from physretarget.face.events import Event, find_events
 from physretarget.face.library import Library
 from physretarget.face.match import Result
 from physretarget.face.measure import turning_point_timing
@@ -92,6 +93,8 @@ class TakeReport:
     """Everything on the page.
 
     figures: label → text at the top. comparison: rows of a table, first row its head. time (T,).
+    events: what happens across channels. dense: (T,) values of channels that are left to the
+    capture, for the face that is drawn.
     """
 
     title: str
@@ -101,6 +104,8 @@ class TakeReport:
     figures: Mapping[str, str] = field(default_factory=dict)
     comparison: Sequence[Sequence[str]] = ()
     notes: Sequence[str] = ()
+    events: Sequence[Event] = ()
+    dense: Mapping[str, Array] = field(default_factory=dict)
 
 
 def take_report(
@@ -157,9 +162,11 @@ def take_report(
         "turning points off by": _row(scores.get(own, []))[2],
         "doubtful spans": str(flagged),
     }
+    events = find_events(result.shot().curves, {c.name: c.group for c in rig.channels})
+    dense = {name: result.take.channel(name) for name in result.dense}
     return TakeReport(
         title or result.take.name, method, time, tuple(channels), figures,
-        comparison if baselines else (), (*result.take.notes,),
+        comparison if baselines else (), (*result.notes,), events, dense,
     )  # fmt: skip
 
 
@@ -213,6 +220,7 @@ def render(report: TakeReport) -> str:
         "CSS": assets.text("uPlot.min.css") + _page("page.css"),
         "DATA": data,
         "UPLOT": assets.text("uPlot.iife.min.js"),
+        "FACE": _page("face.js"),
         "SCRIPT": _page("page.js"),
     }
     shell = _page("page.html")
@@ -240,6 +248,8 @@ def page_data(report: TakeReport) -> dict[str, Any]:
         "comparison": [list(row) for row in report.comparison],
         "notes": list(report.notes),
         "channels": [_channel(channel) for channel in report.channels],
+        "events": [_event(event) for event in report.events],
+        "dense": {name: _rounded(values, 4) for name, values in report.dense.items()},
     }
 
 
@@ -257,6 +267,16 @@ def _channel(channel: ChannelReport) -> dict[str, Any]:
         "error": channel.error,
         "timing": _finite(channel.timing),
         "locked": list(channel.locked),
+    }
+
+
+def _event(event: Event) -> dict[str, Any]:
+    return {
+        "kind": event.kind,
+        "a": round(event.start, 4),
+        "b": round(event.end, 4),
+        "peak": round(event.peak, 4),
+        "channels": [] if event.kind == "hold" else list(event.channels),
     }
 
 

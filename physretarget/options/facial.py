@@ -147,6 +147,23 @@ class ReductionOptions(ChannelOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
+class EventOptions:
+    """Which event is moved, and where the result goes."""
+
+    move: int | None = option(
+        None, help="Number of the event to move; the list gives the numbers.", least=1
+    )
+    by: float | None = option(
+        None, help="How much later the event happens; negative for earlier.", unit="s"
+    )
+    out: Path | None = option(
+        None,
+        help="File of curves to write after the move; its suffix selects the format.",
+        metavar="FILE",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
 class LibraryOptions:
     """How a library is collected."""
 

@@ -12,6 +12,7 @@ from physretarget.errors import UsageError
 from physretarget.options.declaration import Option, options_of
 from physretarget.options.facial import (
     CurvesFile,
+    EventOptions,
     LibraryFiles,
     LibraryOptions,
     MatchOptions,
@@ -192,6 +193,7 @@ REDUCE = Schema(
     shared=(ReductionOptions, Resampling),
     here=(CurvesFile,),
 )
+EVENTS = Schema(name="face events", files=(RigFile,), here=(EventOptions,))
 CHECK = Schema(name="keyposes check", files=(CharacterFile,))
 SHEET = Schema(name="keyposes sheet", files=(CharacterFile,), here=(SheetFile,))
 SUGGEST = Schema(name="keyposes suggest", files=(CharacterFile,), here=(SuggestOptions,))
@@ -204,5 +206,6 @@ JOBS = {each.name: each for each in (VALIDATE, RETARGET)}
 """What the service and the suite do, by the name of the kind."""
 SCHEMAS = (
     VALIDATE, LEARN, RETARGET, FORCES, INSPECT, STREAM, CONVERT, REPLAY, LIBRARY, MATCH, REDUCE,
+    EVENTS,
     CHECK, SHEET, SUGGEST, PROPOSE, PLANT, CHARACTER_NEW, STUDIO, SIMULATE,
 )  # fmt: skip

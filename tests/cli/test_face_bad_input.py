@@ -151,3 +151,26 @@ def test_locked_keys_and_a_range(matched, place) -> None:
     assert "two frames" in done.err
     for option in (("--fidelity", 0), ("--key-cost", "nan"), ("--method", "dtw")):
         assert matched(None, *option).code == 2
+
+
+def test_events_are_listed_and_one_is_moved(run, place) -> None:
+    times = [0.0, 0.9, 1.0, 1.05, 1.25, 3.0]
+    lids = {n: Curve.through(times, [0, 0, 1, 1, 0, 0], "flat")
+            for n in ("eyeBlinkLeft", "eyeBlinkRight")}  # fmt: skip
+    write_json(place / "take.curves.json", Shot("take", lids))
+    told = run("face", "events", place / "take.curves.json")
+    assert told.code == 0, told.err
+    lines = told.out.splitlines()
+    assert [line.split()[1] for line in lines] == ["hold", "blink", "hold"]
+    out = place / "later.anim"
+    done = run("face", "events", place / "take.curves.json", "--move", 2, "--by", 0.5, "--out", out)
+    assert done.code == 0, done.err
+    (shot,) = read_shots(out)
+    for curve in shot.curves.values():
+        assert curve.time == pytest.approx([0.0, 1.4, 1.5, 1.55, 1.75, 3.0])
+    far = run("face", "events", place / "take.curves.json", "--move", 2, "--by", 9, "--out", out)
+    assert far.code == 2
+    assert "before it runs into other keys" in far.err
+    alone = run("face", "events", place / "take.curves.json", "--move", 2)
+    assert alone.code != 0
+    assert "belong together" in alone.err

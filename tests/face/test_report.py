@@ -78,7 +78,7 @@ def test_one_file_and_hostile_names_stay_text(report):
     parser = Outside()
     parser.feed(page)
     assert parser.found == []
-    assert parser.scripts == 3
+    assert parser.scripts == 4
     assert "alert(1)</script>" not in page
     assert "default-src 'none'" in page
     assert "@import" not in page
@@ -161,7 +161,7 @@ def test_two_clicks_in_a_real_browser(matched, tmp_path):
     probe = """<script>
       addEventListener("error", (e) => document.body.dataset.failed = e.message);
       const out = {};
-      document.querySelectorAll("nav button")[1].click();
+      document.querySelectorAll("nav > button")[1].click();
       setTimeout(() => {
         const u = faceReport.charts.get(1), box = u.over.getBoundingClientRect();
         const c = JSON.parse(document.getElementById("data").textContent).channels[1].curve;
@@ -195,3 +195,30 @@ def test_two_clicks_in_a_real_browser(matched, tmp_path):
     assert "key 2 of" in said
     assert "plain ease" in said
     assert "No past shot explains" in said  # the match names a source only where one does
+
+
+def test_the_face_shows_capture_and_result_at_the_moment_of_an_event(browser, tmp_path):
+    """The lid closes in both heads; the result's curve agrees with Python's evaluation of it."""
+    grid = np.arange(181) / 60.0
+    lid = Curve.through([0, 1.0, 1.1, 1.3, 3.0], [0, 0, 1, 0, 0], "flat")
+    take = Take("blink", grid, ("eyeBlinkLeft",), lid.evaluate(grid)[:, None])
+    library = Library.of([Shot("s", {"a": Curve.through([0, 1, 2], [0, 1, 0], "flat")})])
+    rig = Rig.of(take)
+    result = match(take, library, rig, MatchSettings(learned=False))
+    report = take_report(result, rig, library, baselines=False)
+    assert "blink" in [event.kind for event in report.events]
+    write_report(tmp_path / "r.html", report)
+    page = browser.new_page()
+    page.goto((tmp_path / "r.html").as_uri())
+
+    def open_lids() -> list[float]:
+        sized = "all => all.map(e => Number(e.getAttribute('ry')))"
+        return page.eval_on_selector_all("#scene ellipse.white", sized)[1::2]
+
+    assert open_lids() == pytest.approx([11.0, 11.0], abs=0.3)
+    page.get_by_role("button", name="blink 1").click()
+    assert max(open_lids()) < 1.5
+    page.evaluate("faceReport.face.set(1.2)")
+    here = result.channels["eyeBlinkLeft"].curve.evaluate([1.2])[0]
+    assert open_lids()[1] == pytest.approx(11 * (1 - here), abs=0.01)
+    page.close()

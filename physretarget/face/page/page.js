@@ -14,6 +14,7 @@
   const T0 = D.time[0], T1 = D.time[D.time.length - 1];
   let view = [T0, T1], picked = null, sharing = false;
   const charts = new Map(); // channel index → uPlot
+  let face = null; // the drawn heads
 
   // ---------------------------------------------------------------- head
   $("title").textContent = D.title;
@@ -56,6 +57,31 @@
       h.hidden = !any;
     });
   };
+  // ---------------------------------------------------------------- events
+  const marks = D.events.map((e) => {
+    const b = make("button");
+    b.type = "button";
+    b.append(make("b", e.kind), make("small", `${e.a.toFixed(2)}–${seconds(e.b)}`));
+    b.title = e.channels.length ? e.channels.join(", ") : "all keyed channels";
+    b.onclick = () => {
+      const pad = Math.max(0.5, e.b - e.a);
+      marks.forEach((m) => m.classList.toggle("on", m === b));
+      shown = e;
+      zoom(e.a - pad, e.b + pad);
+      if (face.stop) face.stop();
+      face.set(e.peak);
+      const first = D.channels.findIndex((c) => e.channels.includes(c.name));
+      if (first >= 0) show(first);
+    };
+    return b;
+  });
+  let shown = null;
+  if (marks.length) {
+    const box = make("details");
+    box.append(make("summary", `Events (${marks.length})`), ...marks);
+    box.open = true;
+    $("list").append(box);
+  }
   let last = null;
   const order = D.channels.map((_, i) => i).sort((a, b) => groups.indexOf(D.channels[a].group) - groups.indexOf(D.channels[b].group) || a - b);
   for (const i of order) {
@@ -135,6 +161,14 @@
       ctx.fillStyle = s.low ? css("--low") : css(s.kind === "matched" ? (k % 2 ? "--m0" : "--m1") : s.kind === "locked" ? "--locked" : "--fitted");
       ctx.fillRect(a, top, w - r, LANE * r - 2);
     });
+    if (shown && (!shown.channels.length || shown.channels.includes(c.name))) {
+      ctx.fillStyle = css("--result"); ctx.globalAlpha = 0.1;
+      ctx.fillRect(X(shown.a), box.top, X(shown.b) - X(shown.a), box.height); ctx.globalAlpha = 1;
+    }
+    if (face && face.time() !== null) {
+      ctx.fillStyle = css("--accent");
+      ctx.fillRect(X(face.time()), box.top, r, box.height);
+    }
     ctx.strokeStyle = css("--result"); ctx.lineWidth = 2 * r; ctx.lineJoin = "round";
     path(ctx, c.curve, X, Y);
     ctx.stroke();
@@ -321,6 +355,7 @@
   function pick(i, k) {
     const c = D.channels[i], t = c.curve.t[k];
     picked = { channel: i, key: k };
+    face.set(t);
     if (t < view[0] || t > view[1]) zoom(t - (view[1] - view[0]) / 2, t + (view[1] - view[0]) / 2);
     const panel = open(i, c.name, `key ${k + 1} of ${c.curve.t.length} at ${seconds(t)}, value ${+c.curve.v[k].toPrecision(4)}; in ${c.types[k][0]}, out ${c.types[k][1]}`);
     if (c.locked.includes(k)) panel.append(make("p", "■ locked: the animator's own key, kept as it was", "flag"));
@@ -354,6 +389,7 @@
   }
   nothing();
   fill();
+  face = window.faceScene(D, () => charts.forEach((u) => u.redraw(false, true)));
   let wide = innerWidth;
   addEventListener("resize", () => {
     if (innerWidth === wide) return;
@@ -361,5 +397,5 @@
     charts.forEach((u, i) => u.setSize({ width: Math.max(frames[i].clientWidth - 20, 100), height: 168 }));
   });
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
-  window.faceReport = { pick, pickSpan, zoom, show, charts, view: () => view };
+  window.faceReport = { face, pick, pickSpan, zoom, show, charts, view: () => view };
 })();
