@@ -17,12 +17,13 @@ from physretarget.face.curve import Curve, Key
 from physretarget.face.events import find_events, moved
 from physretarget.face.formats import read_shots, read_take, write_shot
 from physretarget.face.library import Library, LibrarySettings
-from physretarget.face.match import MatchSettings, Result, match
+from physretarget.face.match import Banks, MatchSettings, Result, match
 from physretarget.face.measure import extremum_timing, turning_point_timing
 from physretarget.face.reduce import reduce_curve
 from physretarget.face.report import take_report, write_report
 from physretarget.face.rig import Rig, guess_group
 from physretarget.face.shot import Shot
+from physretarget.face.style_file import StyleFile
 from physretarget.files import write_file
 from physretarget.options import EVENTS, LIBRARY, MATCH, REDUCE, build
 from physretarget.options.facial import (
@@ -109,8 +110,11 @@ def match_command(capture: CaptureArgument, given: Given) -> None:
         span = (part.start or 0.0, take.time[-1] if part.end is None else part.end)
     used = Rig.of(take) if rig is None else Rig.load(rig)
     pins = {} if files.locked is None else _locked(files.locked)
+    banks = Banks(style_file=StyleFile.beside(files.library))
     with progress("matching") as stage:
-        result = match(take, shots, used, settings, span=span, locked=pins, progress=stage)
+        result = match(
+            take, shots, used, settings, span=span, locked=pins, banks=banks, progress=stage
+        )
     for note in (*result.notes, *write_shot(out, result.shot())):
         say(note)
     dense = len(result.take.time)

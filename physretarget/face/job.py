@@ -17,6 +17,7 @@ from physretarget.face.segments import Entry
 from physretarget.face.shot import Take
 from physretarget.face.sources import Piece, Shapes
 from physretarget.face.style import Style
+from physretarget.face.style_file import StyleFile
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -24,11 +25,15 @@ Flags = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class Banks:
-    """What is made of a library once and kept between calls: shapes, dictionaries, styles."""
+    """What is made of a library once and kept between calls: shapes, dictionaries, styles.
+
+    style_file: where styles are kept between runs, if anywhere.
+    """
 
     shapes: dict[tuple[str, ...], Shapes] = field(default_factory=dict)
     entries: dict[tuple[object, ...], list[Entry]] = field(default_factory=dict)
     styles: dict[tuple[float, ProgrammeSettings], Style | None] = field(default_factory=dict)
+    style_file: StyleFile | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ from physretarget.face.rig import Rig
 from physretarget.face.sides import together
 from physretarget.face.sources import Piece, Shapes, named, span_sources
 from physretarget.face.spans import HOLD, KINDS
-from physretarget.face.style import Clues, keyed_by, learn
+from physretarget.face.style import Clues, Style, keyed_by, learn
 
 
 def by_programme(
@@ -71,7 +71,14 @@ def _scores(
     fps = round(job.take.fps, 3)
     if settings.learned:
         if (fps, wanted) not in banks.styles:
-            banks.styles[fps, wanted] = learn(library, fps, wanted, progress=progress)
+
+            def learned() -> Style | None:
+                return learn(library, fps, wanted, progress=progress)
+
+            file = banks.style_file
+            banks.styles[fps, wanted] = (
+                learned() if file is None else file.get(library, fps, wanted, learned)
+            )
         style = banks.styles[fps, wanted]
     progress(f"{len(job.channels)} channels")
     scores = programme(job.values, job.take.fps, wanted, pinned=pinned)

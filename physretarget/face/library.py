@@ -30,7 +30,7 @@ from physretarget.files import npz_bytes, write_file
 Array = NDArray[np.float64]
 _VERSION = 2
 # What NumPy's and zip's readers raise over archives that are damaged or forged.
-_TORN = (
+TORN = (
     zipfile.BadZipFile,
     zlib.error,
     tokenize.TokenError,
@@ -299,7 +299,7 @@ class Library:
             return cls(tuple(examples), LibrarySettings(**meta["settings"]))
         except OSError as error:
             raise InputError(f"cannot be read: {error.strerror or error}.", path=path) from error
-        except _TORN as error:
+        except TORN as error:
             raise InputError("not a library written by face library.", path=path) from error
 
 

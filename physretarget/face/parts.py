@@ -15,7 +15,7 @@ from physretarget.files import write_file
 
 
 @lru_cache(maxsize=1)
-def _source() -> str:
+def source_hash() -> str:
     """SHA-256 of this room's source: other code, other numbers."""
     whole = hashlib.sha256()
     root = resources.files("physretarget.face")
@@ -40,7 +40,7 @@ class Parts:
         self.progress(name)
         if self.folder is None:
             return work()
-        text = json.dumps([name, self.inputs, _source()], sort_keys=True)
+        text = json.dumps([name, self.inputs, source_hash()], sort_keys=True)
         path = self.folder / f"{hashlib.sha256(text.encode()).hexdigest()[:20]}.json"
         try:
             return json.loads(path.read_text("utf-8"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import combinations
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,9 +11,10 @@ import pytest
 from physretarget.face.curve import Curve
 from physretarget.face.library import Library
 from physretarget.face.measure import key_f1, pseudo_take
-from physretarget.face.programme import programme
+from physretarget.face.programme import ProgrammeSettings, programme
 from physretarget.face.shot import Shot
-from physretarget.face.style import Clues, choose, keyed_by, learn
+from physretarget.face.style import Clues, Style, choose, keyed_by, learn
+from physretarget.face.style_file import StyleFile
 
 
 def shots(count, seed):
@@ -77,3 +79,35 @@ def test_clues_in_stretches_are_those_of_the_whole():
     whole = clues.table(0, clues.frames)
     parts = [clues.table(a, min(clues.frames, a + 17)) for a in range(0, clues.frames, 17)]
     assert np.concatenate(parts, axis=1) == pytest.approx(whole, abs=1e-12)
+
+
+def test_a_style_is_learned_once_and_kept(tmp_path):
+    """Another library, rate or price is another style; torn files and closed folders do no harm."""
+    library, prices = Library.of(shots(3, 0)), ProgrammeSettings()
+    file = StyleFile.beside(tmp_path / "lib.npz")
+    rng = np.random.default_rng(0)
+    made = Style(rng.normal(size=5), rng.normal(size=5), rng.normal(size=6), 0.25)
+    calls: list[int] = []
+
+    def teacher():
+        calls.append(1)
+        return made
+
+    assert file.get(library, 30.0, prices, teacher) is made
+    kept = file.get(library, 30.0, prices, teacher)
+    assert len(calls) == 1
+    for name in ("mean", "scale", "weight", "gain"):
+        np.testing.assert_array_equal(getattr(kept, name), getattr(made, name))
+    file.get(library, 60.0, prices, teacher)
+    file.get(library, 30.0, ProgrammeSettings(key_price=9.0), teacher)
+    file.get(Library.of(shots(3, 1)), 30.0, prices, teacher)
+    assert len(calls) == 4
+    assert file.get(library, 24.0, prices, lambda: None) is None
+    assert file.get(library, 24.0, prices, teacher) is None  # that it teaches nothing is kept, too
+    file.get(library, 30.0, prices, teacher)
+    assert len(calls) == 4
+    file.path.write_bytes(file.path.read_bytes()[:40])
+    file.get(library, 30.0, prices, teacher)
+    assert len(calls) == 5
+    nowhere = StyleFile(Path("/dev/null/styles.npz"))
+    assert nowhere.get(library, 30.0, prices, teacher) is made
