@@ -26,7 +26,7 @@ from physretarget.face.library import Example, Library
 from physretarget.face.match import Banks, MatchSettings, Result, match
 from physretarget.face.measure import Style, distances, style, turning_point_timing
 from physretarget.face.parts import Parts
-from physretarget.face.recover import Recovery, hold_out, recover, test_files
+from physretarget.face.recover import Recovery, difference, hold_out, recover, test_files
 from physretarget.face.reduce import REDUCERS, reduce_curve
 from physretarget.face.rig import Rig
 from physretarget.face.shot import Take
@@ -39,6 +39,8 @@ WAYS: dict[str, dict[str, Any]] = {
     "ruhland2017 hmm": {"preset": "ruhland2017", "method": "hmm"},
 }
 """The default and the paper as written, with each of its three matchers."""
+ALONE: dict[str, Any] = {"learned": False}
+"""The control: the same programme, with nothing learned from the library."""
 RATES = (60.0, 30.0, 24.0)
 VARIANTS: dict[str, dict[str, Any]] = {
     "1 % noise": {},
@@ -110,13 +112,22 @@ class Reproduction:
     animator: Row
     recovery: tuple[Asked, ...]
     variants: tuple[Asked, ...]
+    controls: tuple[Asked, ...]
     tested: tuple[str, ...]
     example: tuple[Result, Rig, Library]
+
+    def library_gain(self) -> list[tuple[str, float, float, float, float]]:
+        """Collection, frames a second, F1 of the default over its control, and the interval."""
+        asked = {(a.collection, a.fps): a for a in self.recovery if a.variant == "default"}
+        return [
+            (c.collection, c.fps, *difference(asked[c.collection, c.fps].rows[0], c.rows[0]))
+            for c in self.controls
+        ]
 
     def to_json(self) -> dict[str, Any]:
         """Plain data, without the example take."""
         return {
-            "schema": "physretarget/ruhland2017/3",
+            "schema": "physretarget/ruhland2017/4",
             "inputs": [{"path": p, "sha256": h} for p, h in self.inputs],
             "takes": self.takes,
             "channels_per_take": self.channels,
@@ -126,6 +137,11 @@ class Reproduction:
             "animator": asdict(self.animator),
             "tested": list(self.tested),
             "recovery": [asdict(r) for r in self.recovery],
+            "controls": [asdict(r) for r in self.controls],
+            "library_over_programme": [
+                dict(zip(("collection", "fps", "f1", "low", "high"), row, strict=True))
+                for row in self.library_gain()
+            ],
             "variants": [asdict(r) for r in self.variants],
         }
 
@@ -161,7 +177,7 @@ def reproduce(
     inputs |= {(f"keys: {e.shot.partition(':')[0]}", e.sha256) for e in library.examples}
     kept = Parts(parts, [sorted(inputs), asdict(chosen)], progress)
     rows = _figure_3(takes, library, kept)
-    recovery, variants, tested = _recovery(libraries, chosen, kept)
+    recovery, variants, controls, tested = _recovery(libraries, chosen, kept)
     progress("example take")
     rig = Rig.of(takes[0])
     example = match(takes[0], library, rig)
@@ -180,6 +196,7 @@ def reproduce(
         animator=_animator(library),
         recovery=recovery,
         variants=variants,
+        controls=controls,
         tested=tested,
         example=(example, rig, library),
     )
@@ -297,7 +314,7 @@ def _animator(library: Library) -> Row:
 
 def _recovery(
     libraries: dict[str, Library], settings: ReproduceSettings, kept: Parts
-) -> tuple[tuple[Asked, ...], tuple[Asked, ...], tuple[str, ...]]:
+) -> tuple[tuple[Asked, ...], tuple[Asked, ...], tuple[Asked, ...], tuple[str, ...]]:
     """Keys that unseen curves had.
 
     Of the first collection with enough files the test files are asked, against the rest of it; of
@@ -327,7 +344,13 @@ def _recovery(
         for variant, changes in VARIANTS.items()
         if few
     ]
-    return tuple(recovery), tuple(variants), tested
+    controls = [
+        _ask(kept, name, known, _some(wanted, settings.curves), fps, "programme alone", ALONE)
+        for name, known, wanted in questions
+        if wanted
+        for fps in RATES
+    ]
+    return tuple(recovery), tuple(variants), tuple(controls), tested
 
 
 def _some(examples: tuple[Example, ...], most: int) -> tuple[Example, ...]:

@@ -140,6 +140,11 @@ def _tiles(found: Reproduction) -> str:
         tiles.append(
             (f"{min(gains):+.2f} to {max(gains):+.2f}", f"F1 over RDP, unseen keys, {name}")
         )
+    for name in dict.fromkeys(c.collection for c in found.controls):
+        best = max((row for row in found.library_gain() if row[0] == name), key=lambda row: row[2])
+        _, fps, gain, low, high = best
+        words = f"F1 at most by the library, {name}, {fps:g} Hz ({low:+.3f} to {high:+.3f})"
+        tiles.append((f"{gain:+.3f}", words))
     cells = (f"<div><b>{escape(a)}</b>{escape(b)}</div>" for a, b in tiles)
     return f"<div class=tiles>{''.join(cells)}</div>"
 
@@ -226,6 +231,17 @@ def page(found: Reproduction) -> str:
         _table(
             ("", *_ASKED_HEAD),
             [_asked_row(a, f"{a.collection}, {a.fps:g} Hz, {a.variant}") for a in found.recovery],
+        ),
+        "<h2>What does the library add?</h2>",
+        "<p>The control is the same programme with nothing learned from the library. Intervals are "
+        "over files, 95 %.</p>",
+        _table(
+            ("", "default", "programme alone", "difference in F1", "95 % interval"),
+            [
+                (f"{c.collection}, {c.fps:g} Hz", f"{c.rows[0].f1 + row[2]:.3f}",
+                 f"{c.rows[0].f1:.3f}", f"{row[2]:+.3f}", f"{row[3]:+.3f} to {row[4]:+.3f}")
+                for c, row in zip(found.controls, found.library_gain(), strict=True)
+            ],
         ),
         "<h2>Are flagged pieces worse?</h2>",
         "<p>A piece is right if it begins and ends on keys of the animator's.</p>",

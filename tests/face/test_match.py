@@ -330,3 +330,20 @@ def test_the_rig_says_which_groups_are_keyed_and_none_needs_shots(tmp_path, pres
     assert not any(piece.shot for piece in jaw.pieces)
     everything = match(take, LIBRARY, rig, MatchSettings(preset=preset, lips=True))
     assert set(everything.channels) == {"BrowInnerUp", "JawOpen", "HeadYaw"}
+
+
+def test_doubt_is_a_key_less_likely_than_two_in_five():
+    """Bends so weak that it is hard to say where they begin, in noise."""
+    time = np.arange(180) / 30.0
+    rows = [
+        np.clip(0.5 + 0.3 * np.sin(time * (1 + k / 9)) + 0.02 * np.sin(5 * time + k), 0, 1)
+        + np.random.default_rng(k).normal(0.0, 0.01, len(time))
+        for k in range(9)
+    ]
+    take = take_of(*rows)
+    pieces = [p for c in match(take, LIBRARY, Rig.of(take)).channels.values() for p in c.pieces]
+    sure = [(p.confidence, p.doubtful) for p in pieces if p.kind != "hold"]
+    assert {doubtful for _, doubtful in sure} == {True, False}
+    assert all(doubtful == (confidence < 0.4) for confidence, doubtful in sure)
+    between = [confidence for confidence, _ in sure if 0.3 < confidence < 0.5]
+    assert between  # another threshold would be noticed

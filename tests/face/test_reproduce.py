@@ -10,6 +10,7 @@ import pytest
 from physretarget.errors import InputError
 from physretarget.face.curve import Curve
 from physretarget.face.formats import write_csv, write_json
+from physretarget.face.recover import Recovery, difference
 from physretarget.face.reproduce import WAYS, ReproduceSettings, cuts, reproduce
 from physretarget.face.reproduce_page import PAPER_KEYS, page, write_all
 from physretarget.face.shot import Shot, Take
@@ -108,3 +109,34 @@ def test_files(found, tmp_path):
 def test_missing_folders_are_named(tmp_path):
     with pytest.raises(InputError, match="keys"):
         reproduce(tmp_path)
+
+
+def test_the_library_is_measured_against_its_absence(found):
+    """Too few files to learn from: both ways are the same, and the page says by how much."""
+    assert [(c.fps, c.variant) for c in found.controls] == [
+        (fps, "programme alone") for fps in (60.0, 30.0, 24.0)
+    ]
+    for (_, _, gain, low, high), control in zip(found.library_gain(), found.controls, strict=True):
+        assert low <= gain <= high
+        own = next(
+            a for a in found.recovery if (a.fps, a.variant) == (control.fps, "default")
+        ).rows[0]
+        assert gain == pytest.approx(own.f1 - control.rows[0].f1)
+        assert sum(n for _, n in own.by_file) == own.curves
+    told = found.to_json()["library_over_programme"]
+    assert [row["fps"] for row in told] == [60.0, 30.0, 24.0]
+    assert "What does the library add?" in page(found)
+
+
+def test_the_interval_is_over_files():
+    """Two files that disagree are wide apart however many curves they have."""
+
+    def recovery(*per_file: tuple[float, int]) -> Recovery:
+        numbers = [0.0] * 10
+        return Recovery("match", sum(n for _, n in per_file), *numbers, by_file=per_file)
+
+    one = recovery((60.0, 100), (20.0, 100))
+    other = recovery((50.0, 100), (20.0, 100))
+    gain, low, high = difference(one, other)
+    assert gain == pytest.approx(0.05)
+    assert (low, high) == pytest.approx((0.0, 0.1))
