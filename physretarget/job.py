@@ -95,7 +95,10 @@ def run_job(
     settings = settings_of(given, RULES, JUDGED_BY[kind])
     phases = contact.read_phases(given["contacts"]) if "contacts" in given else None
     motion = capture.load(
-        source, skeleton=given.get("skeleton"), **asdict(build(CaptureOptions, given))
+        source,
+        skeleton=given.get("skeleton"),
+        map=given.get("map"),
+        **asdict(build(CaptureOptions, given)),
     )
     _check_frames(len(motion.time), most_frames)
     made = retarget(

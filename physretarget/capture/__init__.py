@@ -16,6 +16,7 @@ from physretarget.capture.inspection import Inspection, inspect_recording
 from physretarget.capture.joints import fit_joints
 from physretarget.capture.level import floor_plane, turned
 from physretarget.capture.moving_floor import find_moving_floor, held_still
+from physretarget.capture.name_map import load_map
 from physretarget.capture.plausible import doubts
 from physretarget.capture.reader import READERS, ReadOptions, find_reader
 from physretarget.capture.recording import JointRecording, MarkerRecording
@@ -34,6 +35,7 @@ def read(
     skeleton: str | Path | None = None,
     subject: str | None = None,
     rate: float | None = None,
+    map: str | Path | None = None,
 ) -> JointRecording | MarkerRecording:
     """Read a capture: metres, z up; unit and up axis are guessed, and noted, unless told.
 
@@ -44,6 +46,7 @@ def read(
         skeleton: The ASF file of an AMC motion.
         subject: Whom to take where a file holds several people: a name, or a number from 1.
         rate: Frames per second of a file that does not say.
+        map: A TOML file that says which joint or marker is which part of the body.
 
     Returns:
         Joints or markers over time, metres, z up.
@@ -52,7 +55,10 @@ def read(
         InputError: The file cannot be used, or nobody of that name is in it.
         MissingExtraError: A library for this format is not installed.
     """
-    options = ReadOptions(unit=unit, up=up, skeleton=skeleton, subject=subject, rate=rate)
+    names = None if map is None else load_map(map)
+    options = ReadOptions(
+        unit=unit, up=up, skeleton=skeleton, subject=subject, rate=rate, names=names
+    )
     return find_reader(path).read(path, options)
 
 
@@ -66,6 +72,7 @@ def inspect(
     subject: str | None = None,
     rate: float | None = None,
     hold_floor: bool = False,
+    map: str | Path | None = None,
 ) -> Inspection:
     """Who is which joint or marker of a capture, how well each fits, and what is doubtful.
 
@@ -80,11 +87,12 @@ def inspect(
         subject: Whom to take of several people.
         rate: Frames per second of a file that does not say.
         hold_floor: Take out the motion of a moving floor.
+        map: See :func:`read`.
 
     Returns:
         Who is what, residuals in m, guesses and doubts.
     """
-    recording = read(path, unit=unit, up=up, skeleton=skeleton, subject=subject, rate=rate)
+    recording = read(path, unit=unit, up=up, skeleton=skeleton, subject=subject, rate=rate, map=map)
     return inspect_recording(*_actor_in(recording, mass, hold_floor=hold_floor))
 
 
@@ -101,6 +109,7 @@ def load(
     rate: float | None = None,
     hold_floor: bool = False,
     on_doubt: Literal["note", "fail"] = "note",
+    map: str | Path | None = None,
 ) -> ActorMotion:
     """Read a capture and fit the actor to it.
 
@@ -120,6 +129,7 @@ def load(
         hold_floor: Take out the motion of a floor that moves (a treadmill's belt, a drift); by
             default it is only told.
         on_doubt: What to do where the motion could not be a human's on a floor: note it, or fail.
+        map: See :func:`read`.
 
     Returns:
         The actor's motion, z up, in metres and seconds.
@@ -131,7 +141,7 @@ def load(
     CaptureOptions(mass=mass, rate=rate, on_doubt=on_doubt)  # refuses what is out of range
     if fps is not None:
         find("fps", options_of(Resampling)).read(fps, "fps")
-    recording = read(path, unit=unit, up=up, skeleton=skeleton, subject=subject, rate=rate)
+    recording = read(path, unit=unit, up=up, skeleton=skeleton, subject=subject, rate=rate, map=map)
     if max_seconds is not None:
         recording = _start(recording, max_seconds)
     _, motion = _actor_in(recording, mass, hold_floor=hold_floor)

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from physretarget.capture.reader import ReadOptions
-from physretarget.capture.recording import Floats, JointRecording, sha256_of
+from physretarget.capture.recording import Floats, JointRecording, Names, sha256_of
 from physretarget.capture.skeleton import Raw, chain_positions, finish
 from physretarget.capture.text import decoded
 from physretarget.errors import InputError
@@ -68,7 +68,9 @@ def find_asf(path: Path) -> Path:
 
 def read(path: str | Path, options: ReadOptions) -> JointRecording:
     """Read a motion as the registry of readers does; see :func:`read_amc`."""
-    return read_amc(path, skeleton=options.skeleton, unit=options.unit, up=options.up)
+    return read_amc(
+        path, skeleton=options.skeleton, unit=options.unit, up=options.up, names=options.names
+    )
 
 
 def read_amc(
@@ -77,6 +79,7 @@ def read_amc(
     skeleton: str | Path | None = None,
     unit: str | None = None,
     up: str | None = None,
+    names: Names | None = None,
 ) -> JointRecording:
     """Read an AMC motion with its ASF skeleton (found beside it unless told).
 
@@ -108,7 +111,7 @@ def read_amc(
         notes=tuple(notes),
         unit=stated,
     )
-    return finish(raw, unit=unit, up=up)
+    return finish(raw, unit=unit, up=up, names=names)
 
 
 def _lines(content: bytes, path: Path) -> list[tuple[int, list[str]]]:

@@ -18,7 +18,7 @@ import numpy as np
 from physretarget.capture.bvh_hierarchy import Hierarchy, parse_hierarchy
 from physretarget.capture.bvh_motion import parse_motion
 from physretarget.capture.reader import ReadOptions
-from physretarget.capture.recording import Floats, JointRecording, sha256_of
+from physretarget.capture.recording import Floats, JointRecording, Names, sha256_of
 from physretarget.capture.skeleton import Raw, chain_positions, finish, nice_rate, one_person
 from physretarget.capture.text import decoded, plain_numbers
 from physretarget.errors import InputError
@@ -26,7 +26,9 @@ from physretarget.errors import InputError
 
 def read(path: str | Path, options: ReadOptions) -> JointRecording:
     """Read a BVH file as the registry of readers does; see :func:`read_bvh`."""
-    return read_bvh(path, unit=options.unit, up=options.up, subject=options.subject)
+    return read_bvh(
+        path, unit=options.unit, up=options.up, subject=options.subject, names=options.names
+    )
 
 
 def read_bvh(
@@ -35,6 +37,7 @@ def read_bvh(
     unit: str | None = None,
     up: str | None = None,
     subject: str | None = None,
+    names: Names | None = None,
 ) -> JointRecording:
     """Read a BVH file; unit and up axis are guessed, and the guess noted, unless told.
 
@@ -65,7 +68,7 @@ def read_bvh(
         end_sites=hierarchy.end_sites,
         notes=(*remarks, *notes),
     )
-    return finish(one_person(raw, subject), unit=unit, up=up)
+    return finish(one_person(raw, subject), unit=unit, up=up, names=names)
 
 
 def _parse(content: bytes, path: str | Path) -> tuple[Hierarchy, float, Floats, tuple[str, ...]]:

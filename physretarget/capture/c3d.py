@@ -13,7 +13,7 @@ import numpy as np
 from physretarget.capture.c3d_check import check
 from physretarget.capture.marker_file import RawMarkers, finish, markers_of, read_bytes
 from physretarget.capture.reader import ReadOptions
-from physretarget.capture.recording import Floats, ForcePlate, MarkerRecording
+from physretarget.capture.recording import Floats, ForcePlate, MarkerRecording, Names
 from physretarget.errors import InputError
 
 _MODEL_LISTS = (
@@ -37,12 +37,16 @@ _UNLOADED = 20.0  # N; below this a centre of pressure is noise (ISB usage: 10 t
 
 def read(path: str | Path, options: ReadOptions) -> MarkerRecording:
     """Read a file as the registry of readers does; see :func:`read_c3d`."""
-    found = read_c3d(path, unit=options.unit, up=options.up)
+    found = read_c3d(path, unit=options.unit, up=options.up, names=options.names)
     return found if options.subject is None else markers_of(found, options.subject)
 
 
 def read_c3d(
-    path: str | Path, *, unit: str | None = None, up: str | None = None
+    path: str | Path,
+    *,
+    unit: str | None = None,
+    up: str | None = None,
+    names: Names | None = None,
 ) -> MarkerRecording:
     """Read markers and force plates of a C3D file.
 
@@ -89,7 +93,7 @@ def read_c3d(
         usual_up="z",
         notes=tuple(notes),
     )
-    return finish(raw, unit=unit, up=up, plates=plates)
+    return finish(raw, unit=unit, up=up, plates=plates, names=names)
 
 
 def _values(group: Mapping[str, Any], name: str) -> list[Any]:

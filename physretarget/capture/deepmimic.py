@@ -17,7 +17,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from physretarget.capture.reader import ReadOptions
-from physretarget.capture.recording import Floats, JointRecording, sha256_of
+from physretarget.capture.recording import Floats, JointRecording, Names, sha256_of
 from physretarget.capture.skeleton import Raw, chain_positions, finish, nice_rate
 from physretarget.errors import InputError
 
@@ -53,11 +53,15 @@ _ENDS = {
 
 def read(path: str | Path, options: ReadOptions) -> JointRecording:
     """Read a motion as the registry of readers does; see :func:`read_deepmimic`."""
-    return read_deepmimic(path, unit=options.unit, up=options.up)
+    return read_deepmimic(path, unit=options.unit, up=options.up, names=options.names)
 
 
 def read_deepmimic(
-    path: str | Path, *, unit: str | None = None, up: str | None = None
+    path: str | Path,
+    *,
+    unit: str | None = None,
+    up: str | None = None,
+    names: Names | None = None,
 ) -> JointRecording:
     """Read a DeepMimic motion file; InputError if it is none of a humanoid3d character."""
     content = Path(path).read_bytes()
@@ -86,7 +90,7 @@ def read_deepmimic(
         end_sites={name: (joint, np.array(offset)) for name, (joint, offset) in _ENDS.items()},
         notes=notes,
     )
-    return finish(raw, unit=unit or "m", up=up or "y")
+    return finish(raw, unit=unit or "m", up=up or "y", names=names)
 
 
 def _frames(content: bytes, path: str | Path) -> Floats:

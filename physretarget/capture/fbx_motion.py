@@ -72,7 +72,7 @@ def read(path: str | Path, options: ReadOptions) -> JointRecording:
         parents=found.parents, position=found.position, rotation=found.rotation, notes=tuple(notes),
         unit=f"{metres:.10g}" if metres > 0 and not options.unit else None,
     )  # fmt: skip
-    return finish(raw, unit=options.unit, up=options.up)
+    return finish(raw, unit=options.unit, up=options.up, names=options.names)
 
 
 def _skeleton(nodes: list[Any], path: str | Path) -> list[Any]:

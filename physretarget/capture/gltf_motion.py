@@ -149,7 +149,7 @@ def _recording(document: _Document, content: bytes, options: ReadOptions) -> Joi
         path=document.path, sha256=sha256_of(content), format="gltf", fps=rate, names=found.names,
         parents=found.parents, position=found.position, rotation=found.rotation, notes=tuple(notes),
     )  # fmt: skip
-    return finish(raw, unit=options.unit, up=options.up)
+    return finish(raw, unit=options.unit, up=options.up, names=options.names)
 
 
 def _animation(document: _Document) -> tuple[dict[str, Any], str, int]:

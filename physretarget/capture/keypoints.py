@@ -94,7 +94,7 @@ def read(path: str | Path, options: ReadOptions) -> MarkerRecording:
         position=position, unit=None, up=None, usual_up="y",
         notes=() if stated or options.rate else (note,),
     )  # fmt: skip
-    found = finish(raw, unit=options.unit, up=options.up)
+    found = finish(raw, unit=options.unit, up=options.up, names=options.names)
     return found if options.subject is None else markers_of(found, options.subject)
 
 

@@ -15,6 +15,7 @@ from physretarget.capture.recording import (
     Floats,
     ForcePlate,
     MarkerRecording,
+    Names,
     Source,
     sha256_of,
 )
@@ -77,13 +78,21 @@ def read_bytes(path: str | Path) -> bytes:
 
 
 def finish(
-    raw: RawMarkers, *, unit: str | None, up: str | None, plates: Plates | None = None
+    raw: RawMarkers,
+    *,
+    unit: str | None,
+    up: str | None,
+    plates: Plates | None = None,
+    names: Names | None = None,
 ) -> MarkerRecording:
     """Scale and turn raw markers into the world.
 
     ``unit`` and ``up`` as told by the user win over what the file says; the file's unit is
-    checked against the size of a body, its up axis against where head and feet are.
+    checked against the size of a body, its up axis against where head and feet are. ``names``
+    says what markers are whose labels say nothing.
     """
+    if names is not None:
+        raw = replace(raw, labels=names.of_markers(raw.labels))
     if not (np.isfinite(raw.fps) and 0.1 <= raw.fps <= 1e5):
         raise InputError(f"a rate of {raw.fps} frames per second makes no sense", path=raw.path)
     notes = list(raw.notes)

@@ -278,6 +278,18 @@ def meanings(labels: Sequence[str]) -> tuple[tuple[Landmark, ...], ...]:
     return tuple(table.get(name, ()) for name in normal)
 
 
+def known_landmarks() -> dict[str, str]:
+    """Every landmark of skin markers by its name, with a label that means it.
+
+    Returns:
+        Landmark → label.
+    """
+    found: dict[str, str] = {}
+    for label, marks in _tables(keypoints=False).items():
+        found.setdefault(marks[0].name, label)
+    return found
+
+
 def exchanged(landmarks: Sequence[Landmark | None]) -> tuple[Landmark | None, ...]:
     """The same landmarks with left and right exchanged."""
     names = {

@@ -69,7 +69,7 @@ def read(path: str | Path, options: ReadOptions) -> JointRecording | MarkerRecor
         path=path, content=content, format="motive", fps=fps, labels=tuple(markers),
         position=position, unit=unit, up=None, usual_up="y",
     )  # fmt: skip
-    return finish(raw, unit=options.unit, up=options.up)
+    return finish(raw, unit=options.unit, up=options.up, names=options.names)
 
 
 def _columns(rows: list[list[str]], path: str | Path) -> tuple[list[_Column], int]:
@@ -152,7 +152,7 @@ def _skeleton(
         names=tuple(bones[j] for j in order), parents=parents, position=position[:, order],
         rotation=rotation[:, order], unit=unit,
     )  # fmt: skip
-    return finish_joints(raw, unit=options.unit, up=options.up)
+    return finish_joints(raw, unit=options.unit, up=options.up, names=options.names)
 
 
 _CHAINS = (

@@ -50,7 +50,7 @@ def read(path: str | Path, options: ReadOptions) -> JointRecording:
         position=position,
         rotation=quat_to_matrix(quats),
     )
-    return finish(raw, unit=options.unit or "m", up=options.up or "z")
+    return finish(raw, unit=options.unit or "m", up=options.up or "z", names=options.names)
 
 
 Joints = list[tuple[str, str]]

@@ -21,6 +21,16 @@ from itertools import pairwise
 from physretarget.capture.languages import in_english
 
 SIDES = ("left", "right")
+ROLES = (
+    "hips", "neck", "head",
+    *(
+        f"{side}_{part}"
+        for side in SIDES
+        for part in ("clavicle", "upper_arm", "forearm", "hand", "finger", "thigh", "shank",
+                     "foot", "toe")
+    ),
+)  # fmt: skip
+"""Roles that a name alone can give."""
 
 _SIDE_TOKENS = {
     "left": "left", "l": "left", "lft": "left", "lt": "left",

@@ -52,7 +52,7 @@ def read(path: str | Path, options: ReadOptions) -> MarkerRecording:
         position=np.array(rows).reshape(len(rows), -1, 3), unit="mm", up=None, usual_up="z",
         notes=tuple(notes),
     )  # fmt: skip
-    found = finish(raw, unit=options.unit, up=options.up)
+    found = finish(raw, unit=options.unit, up=options.up, names=options.names)
     return found if options.subject is None else markers_of(found, options.subject)
 
 

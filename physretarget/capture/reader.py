@@ -12,7 +12,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import cast
 
-from physretarget.capture.recording import JointRecording, MarkerRecording
+from physretarget.capture.recording import JointRecording, MarkerRecording, Names
 from physretarget.errors import InputError, UsageError
 
 __all__ = ["READERS", "ReadOptions", "Reader", "find_reader"]
@@ -30,6 +30,7 @@ class ReadOptions:
         skeleton: the ASF file of an AMC motion.
         subject: whom to take of several people: a name, or a number from 1.
         rate: frames per second of a file that does not say.
+        names: which joint or marker is which part, where the user says so.
     """
 
     unit: str | None = None
@@ -37,6 +38,7 @@ class ReadOptions:
     skeleton: str | Path | None = None
     subject: str | None = None
     rate: float | None = None
+    names: Names | None = None
 
 
 Read = Callable[[str | Path, ReadOptions], JointRecording | MarkerRecording]

@@ -6,9 +6,10 @@ World: metres, seconds, z up, right-handed; time starts at 0 and is uniform.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,6 +84,16 @@ class MarkerRecording:
     position: Floats
     plates: tuple[ForcePlate, ...] = ()
     notes: tuple[str, ...] = ()
+
+
+class Names(Protocol):
+    """What a user says of names; see name_map.py."""
+
+    def of_joints(self, names: Sequence[str], parents: Sequence[int]) -> tuple[str, ...]:
+        """Names of a file's joints as the readers know them."""
+
+    def of_markers(self, labels: Sequence[str]) -> tuple[str, ...]:
+        """Labels of a file's markers as the readers know them."""
 
 
 def sha256_of(content: bytes) -> str:

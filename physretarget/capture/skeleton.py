@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physretarget.capture.names import Body, ancestors, recognise
-from physretarget.capture.recording import Floats, JointRecording, Source
+from physretarget.capture.recording import Floats, JointRecording, Names, Source
 from physretarget.errors import InputError, UsageError
 from physretarget.options.motion import CAPTURE_UNITS as UNITS
 
@@ -200,12 +200,18 @@ def _rest_up(raw: Raw, top: int, feet: Sequence[int]) -> str | None:
     return ("-" if way[axis] < 0 else "") + "xyz"[axis]
 
 
-def finish(raw: Raw, *, unit: str | None, up: str | None) -> JointRecording:
+def finish(
+    raw: Raw, *, unit: str | None, up: str | None, names: Names | None = None
+) -> JointRecording:
     """Scale and turn a raw skeleton into the world; what was guessed is noted.
+
+    ``names`` says what joints are whose names say nothing.
 
     The raw arrays are used up: they become the recording's, since two copies of a long
     capture's rotations would be the largest thing in memory.
     """
+    if names is not None:
+        raw = replace(raw, names=names.of_joints(raw.names, raw.parents))
     body = recognise(raw.names, raw.parents)
     notes = list(raw.notes)
     if unit is None:

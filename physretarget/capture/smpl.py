@@ -80,7 +80,7 @@ def read(path: str | Path, options: ReadOptions) -> JointRecording:
         end_sites={"head_end": (15, np.array([0.0, 0.20, 0.02]))},
         notes=(*notes, "bones have the reference actor's lengths: the file has rotations alone"),
     )
-    return finish(raw, unit=options.unit or "m", up=options.up)
+    return finish(raw, unit=options.unit or "m", up=options.up, names=options.names)
 
 
 def _flat(values: Mapping[Any, Any]) -> Mapping[Any, Any]:

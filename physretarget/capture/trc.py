@@ -10,7 +10,7 @@ import numpy as np
 
 from physretarget.capture.marker_file import RawMarkers, finish, markers_of, read_bytes
 from physretarget.capture.reader import ReadOptions
-from physretarget.capture.recording import Floats, MarkerRecording
+from physretarget.capture.recording import Floats, MarkerRecording, Names
 from physretarget.capture.text import decoded, plain_numbers
 from physretarget.errors import InputError
 
@@ -29,12 +29,16 @@ class _Header:
 
 def read(path: str | Path, options: ReadOptions) -> MarkerRecording:
     """Read a file as the registry of readers does; see :func:`read_trc`."""
-    found = read_trc(path, unit=options.unit, up=options.up)
+    found = read_trc(path, unit=options.unit, up=options.up, names=options.names)
     return found if options.subject is None else markers_of(found, options.subject)
 
 
 def read_trc(
-    path: str | Path, *, unit: str | None = None, up: str | None = None
+    path: str | Path,
+    *,
+    unit: str | None = None,
+    up: str | None = None,
+    names: Names | None = None,
 ) -> MarkerRecording:
     """Read a TRC file: metres, centimetres or millimetres, any up axis, ragged tabs and gaps.
 
@@ -71,7 +75,7 @@ def read_trc(
         notes=tuple(notes),
         start=float(time[0]),
     )
-    return finish(raw, unit=unit, up=up)
+    return finish(raw, unit=unit, up=up, names=names)
 
 
 def _header(lines: list[str], path: str | Path) -> _Header:

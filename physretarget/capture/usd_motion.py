@@ -62,7 +62,7 @@ def read(path: str | Path, options: ReadOptions) -> JointRecording:
         names=found.names, parents=found.parents,
         position=found.position, rotation=found.rotation, unit=None if options.unit else unit,
     )  # fmt: skip
-    return finish(raw, unit=options.unit, up=options.up)
+    return finish(raw, unit=options.unit, up=options.up, names=options.names)
 
 
 def _times(stage: Any, animation: Any, path: str) -> Floats:

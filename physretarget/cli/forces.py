@@ -13,7 +13,7 @@ from physretarget.errors import UsageError
 from physretarget.kinetics import forces
 from physretarget.options import FORCES, build, told
 from physretarget.options.forces import ForcesOptions
-from physretarget.options.motion import CAPTURES, CaptureOptions, SkeletonFile
+from physretarget.options.motion import CAPTURES, CaptureOptions, NameMapFile, SkeletonFile
 
 ENDINGS = (".mot", ".csv")
 
@@ -40,6 +40,7 @@ def forces_command(source: CaptureArgument, given: Given) -> None:
             lowpass_hz=build(ForcesOptions, given).lowpass_hz,
             **told(CaptureOptions, given),
             **told(SkeletonFile, given),
+            **told(NameMapFile, given),
         )
         found.write(out)
         if picture is not None:

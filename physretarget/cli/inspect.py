@@ -44,7 +44,7 @@ def inspect_command(
     if file.suffix.lower() in _MODELS:
         _tell_model(file, output.format)
         return
-    options = asdict(build(CaptureOptions, given))
+    options = asdict(build(CaptureOptions, given)) | {"map": given.get("map")}
     fails = options.pop("on_doubt") == "fail"
     found = capture.inspect(file, skeleton=given.get("skeleton"), **options)
     if output.format == "json":

@@ -54,7 +54,9 @@ def stream_command(given: Given) -> None:
             _serve(trained, source.listen, delay)
         elif source.capture:
             rate = build(Resampling, given).resample
-            _report(_run(trained, _played(source.capture, rate), sys.stdout, delay))
+            _report(
+                _run(trained, _played(source.capture, rate, given.get("map")), sys.stdout, delay)
+            )
         else:
             _report(_run(trained, sys.stdin, sys.stdout, delay))
 
@@ -158,8 +160,8 @@ def answer(posed: Posed, streamer: Streamer, seconds: float) -> str:
     )
 
 
-def _played(path: Path, fps: float | None) -> Iterator[str]:
-    motion = capture.load(path)
+def _played(path: Path, fps: float | None, map: Path | None) -> Iterator[str]:
+    motion = capture.load(path, map=map)
     if fps is not None:
         motion = motion.resampled(fps)
     motion = motion.on(ActorShape.reference())

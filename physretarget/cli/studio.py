@@ -51,7 +51,7 @@ def studio_command(
     with progress("reading") as step:
         for path in captures or []:
             step(path.name)
-            takes.append(Take.of(capture.load(path)))
+            takes.append(Take.of(capture.load(path, map=given.get("map"))))
     session = Session(character, told.keyposes, takes)
 
     def ready(address: str) -> None:

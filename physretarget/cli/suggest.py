@@ -61,7 +61,9 @@ def suggest_command(
     check_mobile(model)
     posed = load_keyposes(told.keyposes, model) if told.keyposes else None
     with progress("reading"):
-        candidates = find_candidates([capture.load(path) for path in captures], fps=told.resample)
+        candidates = find_candidates(
+            [capture.load(path, map=given.get("map")) for path in captures], fps=told.resample
+        )
         found = next_frames(candidates, posed, count=told.count)
     for note in candidates.notes:
         say(note)
@@ -91,7 +93,7 @@ def propose_command(
     told = build(ProposeOptions, given)
     model = Character.load(given["character"])
     check_mobile(model)
-    motion = capture.load(captured)
+    motion = capture.load(captured, map=given.get("map"))
     for each in told.time:
         if not 0 <= each <= motion.time[-1] + 1e-9:
             raise UsageError(

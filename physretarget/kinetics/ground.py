@@ -118,6 +118,7 @@ def forces(
     unit: str | None = None,
     up: str | None = None,
     skeleton: str | Path | None = None,
+    map: str | Path | None = None,
 ) -> GroundForces:
     """Ground force, centre of pressure and free moment under each foot, from motion alone.
 
@@ -129,6 +130,7 @@ def forces(
         unit: of the file, as for :func:`physretarget.load_capture`.
         up: likewise.
         skeleton: likewise.
+        map: likewise.
 
     Returns:
         Forces, centres of pressure and free moments of both feet.
@@ -144,7 +146,9 @@ def forces(
         if mass is not None:
             motion = replace(motion, shape=replace(motion.shape, mass=float(mass)))
     else:
-        motion = captures.load(Path(capture), unit=unit, up=up, skeleton=skeleton, mass=mass)
+        motion = captures.load(
+            Path(capture), unit=unit, up=up, skeleton=skeleton, mass=mass, map=map
+        )
     notes = list(motion.notes)
     if len(motion.time) < 4:
         raise InputError("forces need at least 4 frames", path=motion.source.path)

@@ -146,6 +146,20 @@ class SkeletonFile:
 
 
 @dataclass(frozen=True, kw_only=True)
+class NameMapFile:
+    """What the joints or markers of a capture are."""
+
+    map: Path | None = option(
+        None,
+        help=(
+            "Which joint or marker of the capture is which part of the body, where their "
+            "names do not say so."
+        ),
+        metavar="FILE.toml",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
 class Resampling:
     """The rate at which a capture is played."""
 

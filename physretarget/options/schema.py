@@ -36,6 +36,7 @@ from physretarget.options.motion import (
     ConversionOptions,
     FixOutput,
     InspectionOutput,
+    NameMapFile,
     ReplayOptions,
     Resampling,
     SkeletonFile,
@@ -145,7 +146,7 @@ LEARN = Schema(
 )
 RETARGET = Schema(
     name="retarget",
-    files=(CharacterFile, KeyPoseFiles, SkeletonFile, PhasesFile, ConfigFile),
+    files=(CharacterFile, KeyPoseFiles, SkeletonFile, NameMapFile, PhasesFile, ConfigFile),
     shared=(
         PresetOption,
         MapperSource,
@@ -158,14 +159,19 @@ RETARGET = Schema(
 )
 FORCES = Schema(
     name="forces",
-    files=(SkeletonFile,),
+    files=(SkeletonFile, NameMapFile),
     shared=(CaptureOptions, ForcesOptions),
     here=(ForcesOutput,),
 )
 INSPECT = Schema(
-    name="inspect", files=(SkeletonFile,), shared=(CaptureOptions,), here=(InspectionOutput,)
+    name="inspect",
+    files=(SkeletonFile, NameMapFile),
+    shared=(CaptureOptions,),
+    here=(InspectionOutput,),
 )
-STREAM = Schema(name="stream", shared=(StreamOptions, Resampling), here=(StreamSource,))
+STREAM = Schema(
+    name="stream", files=(NameMapFile,), shared=(StreamOptions, Resampling), here=(StreamSource,)
+)
 FIX = Schema(
     name="fix",
     files=(ClipModel, ConfigFile),
@@ -196,11 +202,15 @@ REDUCE = Schema(
 EVENTS = Schema(name="face events", files=(RigFile,), here=(EventOptions,))
 CHECK = Schema(name="keyposes check", files=(CharacterFile,))
 SHEET = Schema(name="keyposes sheet", files=(CharacterFile,), here=(SheetFile,))
-SUGGEST = Schema(name="keyposes suggest", files=(CharacterFile,), here=(SuggestOptions,))
-PROPOSE = Schema(name="keyposes propose", files=(CharacterFile,), here=(ProposeOptions,))
+SUGGEST = Schema(
+    name="keyposes suggest", files=(CharacterFile, NameMapFile), here=(SuggestOptions,)
+)
+PROPOSE = Schema(
+    name="keyposes propose", files=(CharacterFile, NameMapFile), here=(ProposeOptions,)
+)
 PLANT = Schema(name="keyposes plant", files=(CharacterFile,), here=(PlantOptions,))
 CHARACTER_NEW = Schema(name="character new", here=(NewCharacterOptions,))
-STUDIO = Schema(name="studio", files=(CharacterFile,), here=(StudioOptions,))
+STUDIO = Schema(name="studio", files=(CharacterFile, NameMapFile), here=(StudioOptions,))
 
 JOBS = {each.name: each for each in (VALIDATE, RETARGET)}
 """What the service and the suite do, by the name of the kind."""
