@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query
-from fastapi.responses import FileResponse, HTMLResponse
+from fastapi.responses import FileResponse, HTMLResponse, Response
 
+from physretarget.errors import InputError
+from physretarget.files import write_file
 from physretarget.service import schemas
 from physretarget.service.access import GUARDED, Reader, ServiceOf, Viewer
 from physretarget.service.comparison import compared, side_by_side
@@ -130,12 +132,20 @@ def compare(service: ServiceOf, caller: Reader, left: _Job, right: _Job) -> Comp
     response_class=FileResponse,
     responses={**_PAGE, **responses(404, 409, 422, *GUARDED)},
 )
-def compare_replay(service: ServiceOf, caller: Viewer, left: _Job, right: _Job) -> HTMLResponse:
+def compare_replay(service: ServiceOf, caller: Viewer, left: _Job, right: _Job) -> Response:
     """Both motions in 3D on one clock, as a page that needs nothing else."""
-    page = side_by_side(_sides(service, left, right, caller))
-    return HTMLResponse(
-        page, headers={"Content-Security-Policy": PAGE_POLICY, "Cache-Control": "no-store"}
-    )
+    sides = _sides(service, left, right, caller)
+    # It lies with the right job's results and goes with them.
+    place = sides[1][1] / f"compared-{left}.html"
+    # One at a time: a page of two long clips takes many times its size while it is made.
+    with service.comparing:
+        if not place.is_file():
+            page = side_by_side(sides).encode()
+            try:
+                write_file(place, page)
+            except InputError:  # no room on the disk
+                return HTMLResponse(page, headers={"Content-Security-Policy": PAGE_POLICY})
+    return _file(place, "text/html")
 
 
 def _sides(

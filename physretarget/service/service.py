@@ -51,6 +51,7 @@ class Service:
                 "to be reached from beyond this machine a token is needed: "
                 "'physretarget token create --scope submit --name NAME' makes one."
             )
+        self.comparing = threading.Lock()
         self.tickets = Tickets()
         self.metrics = Metrics()
         self._owns_pool = pool is None

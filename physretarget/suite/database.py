@@ -18,6 +18,10 @@ READING = "physretarget_reading"  # the option of a connection that only reads
 
 _PATIENCE = 30.0  # seconds to wait for another connection
 _BUSY_MS = 30_000  # the same, as SQLite takes it
+# Of PostgreSQL: a server that was restarted has closed the connections of the pool, and one that
+# cannot be reached or does not answer must become an error that is tried again later.
+_CONNECT_S = 10
+_STATEMENT_MS = 60_000
 
 
 def engine_at(url: str) -> sa.Engine:
@@ -30,7 +34,13 @@ def engine_at(url: str) -> sa.Engine:
         parsed = sa.make_url(url)
         if parsed.get_backend_name() == "sqlite" and parsed.database:
             Path(parsed.database).parent.mkdir(parents=True, exist_ok=True)
-        engine = sa.create_engine(parsed)
+        more: dict[str, Any] = {}
+        if parsed.get_backend_name() == "postgresql":
+            more["pool_pre_ping"] = True
+            more["connect_args"] = {
+                "connect_timeout": _CONNECT_S, "options": f"-c statement_timeout={_STATEMENT_MS}",
+            }  # fmt: skip
+        engine = sa.create_engine(parsed, **more)
     except ModuleNotFoundError as error:
         raise MissingExtraError(
             str(error.name), extra="postgresql", purpose=f"a history at {shown(url)}"
@@ -55,9 +65,10 @@ def _sqlite_begin(connection: sa.Connection) -> None:
 
 def _sqlite_settings(connection: Any, _: object) -> None:
     """Readers beside a writer, a wait instead of 'locked', foreign keys as PostgreSQL has them."""
+    # FULL: what was promised to a caller is on the disk, whatever happens to the machine.
     # Transactions are begun by us: the driver's own way leaves DDL outside of them.
     connection.isolation_level = None
-    for pragma in (f"busy_timeout={_BUSY_MS}", "foreign_keys=ON", "synchronous=NORMAL"):
+    for pragma in (f"busy_timeout={_BUSY_MS}", "foreign_keys=ON", "synchronous=FULL"):
         connection.execute(f"PRAGMA {pragma}")
     _write_ahead(connection, time.monotonic() + _PATIENCE)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import time
 import zipfile
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -13,6 +14,8 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
+
+from physretarget.service import routes_results
 
 Clip = Callable[..., bytes]
 MODELS = Path(__file__).parent.parent.parent / "models"
@@ -304,6 +307,38 @@ def test_two_replays_on_one_page(done: list[dict[str, Any]], live: Any) -> None:
         text = answer.text.partition(f'id="motion/{side}">')[2].partition("</script>")[0]
         assert json.loads(text)["scene"]["figures"]
     assert "src=" not in answer.text.partition("<body>")[2].partition("<script")[0]
+
+
+def test_a_comparison_is_made_once_and_one_at_a_time(
+    done: list[dict[str, Any]], live: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    still, slides = (job["id"] for job in done)
+    made: list[int] = []
+    at_once = 0
+
+    def slow(sides: Any) -> str:
+        nonlocal at_once
+        at_once += 1
+        made.append(at_once)
+        time.sleep(0.2)
+        at_once -= 1
+        return f"<!doctype html><p>{sides[0][0].id}"
+
+    monkeypatch.setattr(routes_results, "side_by_side", slow)
+    pairs = [(still, still), (slides, slides), (still, still), (slides, slides), (still, still)]
+
+    def ask(pair: tuple[str, str]) -> httpx.Response:
+        return httpx.get(
+            f"{live.url}/api/v1/compare/replay",
+            params={"left": pair[0], "right": pair[1]}, timeout=30,
+        )  # fmt: skip
+
+    with ThreadPoolExecutor(5) as threads:
+        answers = list(threads.map(ask, pairs))
+    assert [answer.status_code for answer in answers] == [200] * 5
+    assert all(answer.text.endswith(pair[0]) for answer, pair in zip(answers, pairs, strict=True))
+    assert made == [1, 1]
+    assert all("sandbox" in answer.headers["content-security-policy"] for answer in answers)
 
 
 # ---- clips and models --------------------------------------------------------------------------

@@ -189,3 +189,24 @@ def test_a_password_is_never_shown(tmp_path: Path) -> None:
     with pytest.raises(InputError) as caught:
         Store("postgresql+psycopg://me:secret@127.0.0.1:1/x")
     assert "secret" not in str(caught.value)
+
+
+def test_connections_that_the_server_closed_are_made_anew(url: str) -> None:
+    """A PostgreSQL that was restarted has closed what the pool still holds."""
+    if not url.startswith("postgresql"):
+        pytest.skip("about PostgreSQL")
+    with Store(url) as store:
+        with store.read() as connection:
+            mine = connection.execute(sa.text("SELECT pg_backend_pid()")).scalar()
+            limit = connection.execute(sa.text("SHOW statement_timeout")).scalar()
+        assert limit == "1min"
+        with Store(url) as other, other.begin() as connection:
+            connection.execute(sa.text(f"SELECT pg_terminate_backend({mine})"))
+        with store.read() as connection:
+            assert connection.execute(sa.text("SELECT 1")).scalar() == 1
+
+
+def test_what_is_committed_is_on_the_disk(tmp_path: Path) -> None:
+    """SQLite writes through to the disk at every commit, not only at checkpoints."""
+    with Store(f"sqlite:///{tmp_path / 'h.db'}") as store, store.read() as connection:
+        assert connection.execute(sa.text("PRAGMA synchronous")).scalar() == 2  # FULL
