@@ -22,10 +22,12 @@ from physretarget.face.curve import Curve
 from physretarget.face.distance import distance_profile
 from physretarget.face.formats import read_take
 from physretarget.face.hmm import viterbi
+from physretarget.face.job import prepare
 from physretarget.face.library import Library
 from physretarget.face.match import Banks, MatchSettings, match
 from physretarget.face.rig import Rig, RigChannel
 from physretarget.face.shot import Shot, Take
+from physretarget.face.sides import alike, partners
 from physretarget.options.facial import METHODS
 
 FPS = 30.0
@@ -178,6 +180,56 @@ def varied(curve: Curve, rng: np.random.Generator) -> Curve:
     return Curve.from_table(table)
 
 
+STRETCHES = {"livelink_rom_4": (20.0, 24.0), "neurosync_slate164": (2.0, 5.0)}  # s
+
+
+def _sides() -> list[Row]:
+    """Keys of one side that the other has on the same frame, where both move alike; and without.
+
+    Without: the same take under names that tell no side.
+    """
+    data = Path(os.environ.get("PHYSRETARGET_DATA", "../shared/data")) / "face"
+    library = Library.of([animation(4, np.random.default_rng(3), "any")])
+    rows = []
+    for name, span in STRETCHES.items():
+        path = data / f"{name}.csv"
+        if path.is_file():
+            take = read_take(path).between(*span)
+            shares = [_shared(take, library, plain) for plain in (False, True)]
+            what = f"keys of two sides on one frame, {name}, {span[0]:g} to {span[1]:g} s"
+            rows.append(
+                Row(
+                    name=what, value=100 * shares[0], unit="%", aim=90, higher=True,
+                    rival="each side by itself", rival_value=100 * shares[1],
+                )
+            )  # fmt: skip
+    return rows
+
+
+def _shared(take: Take, library: Library, plain: bool) -> float:
+    rig = Rig.of(take)
+    wanted = rig.matched()
+    named = {c.name: f"c{k:02d}" if plain else c.name for k, c in enumerate(wanted)}
+    channels = tuple(replace(c, name=named[c.name]) for c in wanted)
+    settings = MatchSettings(learned=False)
+    found = match(take, library, Rig("sides", channels), settings).channels
+    names = [c.name for c in wanted]
+    job = prepare(rig.drive(take), wanted, {})
+    least = np.maximum(job.level, settings.fidelity)
+    hits = keys = 0
+    for left, rights in partners(names):
+        flags = [alike(job.smooth[left], job.smooth[r], (least[left], least[r]), take.fps)
+                 for r in rights]  # fmt: skip
+        best = max(range(len(rights)), key=lambda k: int(flags[k].sum()))
+        pair = [found[named[names[r]]].curve.time for r in (left, rights[best])]
+        frames = [np.round((t - take.time[0]) * take.fps).astype(int) for t in pair]
+        for own, other in (frames, frames[::-1]):
+            inner = [f for f in own.tolist() if 0 < f < len(take.time) - 1 and flags[best][f]]
+            keys += len(inner)
+            hits += len(set(inner) & set(other.tolist()))
+    return hits / max(1, keys)
+
+
 def _kernels() -> list[Row]:
     rng = np.random.default_rng(2)
     p, q = rng.normal(size=7200).cumsum(), rng.normal(size=120).cumsum()
@@ -225,7 +277,7 @@ def _kernels() -> list[Row]:
 
 def run() -> list[Row]:
     """Every row."""
-    return [*_matchers(), *_long(), *_real(), *_hour(), *_kernels()]
+    return [*_matchers(), *_long(), *_real(), *_hour(), *_sides(), *_kernels()]
 
 
 if __name__ == "__main__":

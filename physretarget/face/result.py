@@ -13,8 +13,8 @@ from physretarget.options.facial import MatchOptions
 DOUBT = 0.4
 """A span is doubtful if a key within a thirtieth of a second of an end is less likely than this.
 
-Chosen on the 55 Noto files that no test asks for: of 0.3 to 0.6 the lower ones more often flag
-what is wrong, and below 0.4 hardly anything is flagged.
+Picked from a scan of thresholds on Noto and Spine, test files included: lower ones more often flag
+what is wrong, and below 0.4 hardly anything is flagged (docs/measured/face.md).
 """
 
 
