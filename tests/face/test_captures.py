@@ -347,6 +347,18 @@ BROKEN = {
         "      - {time: 0, value: x}\n    attribute: a\n",
         "key 0, value",
     ),
+    "number of Unity": (
+        ".anim",
+        "--- !u!74 &1\nAnimationClip:\n  m_FloatCurves:\n  - curve:\n      m_Curve:\n"
+        f"      - {{time: 0, value: {'9' * 400}}}\n    attribute: a\n",
+        "too large",
+    ),
+    "weights of Unity": (
+        ".anim",
+        "--- !u!74 &1\nAnimationClip:\n  m_FloatCurves:\n  - curve:\n      m_Curve:\n"
+        "      - {time: 0, value: 1, weightedMode: .inf}\n    attribute: a\n",
+        "none of 0 to 3",
+    ),
     "endless": (".csv", "time,a\n0,1\n0.001,1\n0.002,1\n1e9,2\n", "million frames"),
     "strangers": (".json", '{"name": "x"}', "its content is none of"),
 }

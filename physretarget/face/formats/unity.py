@@ -132,10 +132,12 @@ def _number(source: Source, where: str, value: Any) -> float:
     if isinstance(value, str):
         with contextlib.suppress(ValueError):
             value = float(value)
-    if isinstance(value, bool) or not isinstance(value, int | float) or math.isnan(value):
+    if isinstance(value, bool) or not isinstance(value, int | float):
         source.fail(where, f"{str(value)[:40]!r} is not a number.")
     if isinstance(value, int) and abs(value) > 1e300:
         source.fail(where, "the number is too large.")
+    if math.isnan(value):
+        source.fail(where, "it is not a number.")
     return float(value)
 
 
@@ -154,12 +156,14 @@ def _curve(source: Source, name: str, items: list[Any], scale: float, axis: str)
         value = scale * told(k, "value", math.nan)
         if not (math.isfinite(time) and math.isfinite(value)):
             source.fail(f"curve {name}, key {k}", "time and value must be finite.")
-        mode = int(told(k, "weightedMode", 0.0))
+        mode = told(k, "weightedMode", 0.0)
+        if mode not in (0, 1, 2, 3):
+            source.fail(f"curve {name}, key {k}, weightedMode", f"{mode:g} is none of 0 to 3.")
         kind: TangentType = "fixed"
         sides = []
         for side, bit, other in (("in", 1, k - 1), ("out", 2, k + 1)):
             width = abs(times[other] - time) if 0 <= other < len(times) else 0.0
-            share = told(k, f"{side}Weight", 1 / 3) if mode & bit else 1 / 3
+            share = told(k, f"{side}Weight", 1 / 3) if int(mode) & bit else 1 / 3
             slope = scale * told(k, f"{side}Slope", 0.0)
             if math.isinf(slope):
                 slope, share = 0.0, 1 / 3
