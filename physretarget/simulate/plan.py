@@ -76,6 +76,15 @@ class Planner:
         finally:
             self._smoother = False
 
+    def shifted(self, start: Array, distance: float) -> Array:
+        """An integration state with the root moved by a distance (m) along x and y each."""
+        model, data, root = self.body.model, self.data, self.body.character.root_qpos
+        mujoco.mj_setState(model, data, start, _STATE)
+        data.qpos[root : root + 2] += distance
+        moved = np.empty_like(start)
+        mujoco.mj_getState(model, data, moved, _STATE)
+        return moved
+
     # -- rolling out ------------------------------------------------------------------------
 
     def follow(

@@ -58,6 +58,7 @@ class SimulationSettings:
             the simulation itself has all of it. A foot planned to the edge of its cone slips when
             the state or the floor is a little off, and the gains know nothing of slipping
             (constraints tightened against disturbances: Chisci, Rossiter and Zappa 2001).
+        aside: m along x and y that a start may be off, from which gains must lead back.
         touch: share of the height within which geometry bears load in the reference.
         lift: m of median penetration that count as an offset of the whole clip and are taken out.
         torque_multiple: limit of a joint's torque, in gravity torques, where the model has none.
@@ -101,6 +102,7 @@ class SimulationSettings:
     tail_hz: float = 3.0
     smooth_hz: float = 10.0
     friction_share: float = 0.8
+    aside: float = 0.005
     touch: float = 0.01
     lift: float = 0.002
     torque_multiple: float = 8.0

@@ -92,7 +92,7 @@ class _Tracker:
         self.best: tuple[Piece, ...] = ()
         self.fall: Piece | None = None
         self.care, self.careful_until, self.attempts = 0, 0, 0
-        self.grip = False  # whether the last window needed all friction
+        self.grip_until = 0  # the knot up to which all friction is needed
         self.data = mujoco.MjData(self.model)
         self.data.qpos[:], self.data.qvel[:] = reference.qpos[0], reference.qvel[0]
         self.started = time.process_time()
@@ -177,19 +177,33 @@ class _Tracker:
         return None
 
     def _improved(self, before: Array, plan: Plan, iterations: int) -> Plan:
-        """Newton steps: on a smoother floor while that is good enough, else on the real one."""
+        """Newton steps: on a smoother floor where its gains hold there, else on the real one.
+
+        Where they do not, the next windows, which share most of this one, need not try.
+        """
         planner, settings, last = self.planner, self.settings, plan.first + len(plan.torque)
-        if not self.grip:
+        if plan.first >= self.grip_until:
             with planner.on_a_smoother_floor():
                 smooth = planner.improve(before, plan, iterations)
             kept = planner.follow(before, plan.first, last, smooth, gain=smooth.gain)
-            if kept is not None and kept.cost <= settings.good:
+            if (
+                kept is not None
+                and kept.cost <= settings.good
+                and self._holds(before, kept, smooth)
+            ):
                 kept.gain = smooth.gain
                 return kept
+            self.grip_until = last
         hard = settings.hard_iterations if iterations > 1 else 0
-        plan = planner.improve(before, plan, iterations, hard)
-        self.grip = iterations > 1 and plan.cost > settings.good
-        return plan
+        return planner.improve(before, plan, iterations, hard)
+
+    def _holds(self, before: Array, kept: Plan, smooth: Plan) -> bool:
+        """Whether the gains lead back from a start a little aside, on the smoother floor."""
+        planner, last = self.planner, kept.first + len(kept.torque)
+        start = planner.shifted(before, self.settings.aside)
+        with planner.on_a_smoother_floor():
+            back = planner.follow(start, kept.first, last, kept, gain=smooth.gain)
+        return back is not None and back.cost <= self.settings.good
 
     def _begin(self, before: Array, knot: int, last: int) -> Plan | None:
         """The old plan continued, or, where that falls apart, the reference's torques."""
