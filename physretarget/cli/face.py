@@ -140,7 +140,10 @@ def events_command(
     curves: Annotated[Path, typer.Argument(metavar="CURVES", help="Keyed curves of one shot.")],
     given: Given,
 ) -> None:
-    """List blinks, eye darts, brow hits, jaw drops, nods and holds, and move one as a whole."""
+    """List the events of a take, and move one as a whole.
+
+    Events are blinks, eye darts, brow hits, jaw drops, nods and holds, over all their channels.
+    """
     told, rig = build(EventOptions, given), build(RigFile, given).rig
     if (told.move is None) != (told.by is None) or (told.move is None) != (told.out is None):
         raise UsageError("--move, --by and --out belong together.")

@@ -18,6 +18,7 @@ from physretarget.face.sources import Piece
 from physretarget.face.spans import HOLD, KINDS
 
 Array = NDArray[np.float64]
+_ON_FRAME = 1e-6  # frames by which a key's time may be rounded
 
 
 def as_the_paper(
@@ -106,8 +107,15 @@ def draft_of_claims(job: Job, row: int, found: list[Claim], library: Library) ->
     rows: list[Array] = []
     held: list[bool] = []
     pieces: list[Piece] = []
+    end: int | None = None  # the frame that the claim before ends with
     for keys, claim, pin in blocks:
         keys = keys.copy()
+        if claim is not None and claim.first == end:
+            # Claims that share a frame may have keys between frames on its other side.
+            rows = _cut_behind(rows, end, smooth, slope)
+            held = [*held, False][: len(rows)]
+            keys = _cut_before(keys, end, smooth, slope)
+        end = None if claim is None else claim.last
         if rows:
             before = rows[-1]
             gap = keys[0, 0] - before[0]
@@ -127,6 +135,30 @@ def draft_of_claims(job: Job, row: int, found: list[Claim], library: Library) ->
     untouched = all(c.error < EXACT for c in found) and not any(p.fitted for p in pieces)
     done = bool(found) and untouched
     return Draft(table, corners(table) | locked, locked, tuple(pieces), done)
+
+
+def _cut_behind(rows: list[Array], frame: int, smooth: Array, slope: Array) -> list[Array]:
+    """Keys up to a frame, the last on it."""
+    rows = [row for row in rows if row[0] <= frame + _ON_FRAME]
+    if rows[-1][0] < frame - _ON_FRAME:
+        rows.append(_key_at(frame, frame - float(rows[-1][0]), 0.0, smooth, slope))
+    return rows
+
+
+def _cut_before(keys: Array, frame: int, smooth: Array, slope: Array) -> Array:
+    """Keys from a frame on, the first on it."""
+    keys = keys[keys[:, 0] >= frame - _ON_FRAME]
+    if not len(keys) or keys[0, 0] > frame + _ON_FRAME:
+        run = float(keys[0, 0]) - frame if len(keys) else 0.0
+        keys = np.vstack([_key_at(frame, 0.0, run, smooth, slope), keys])
+    return keys
+
+
+def _key_at(frame: int, before: float, after: float, smooth: Array, slope: Array) -> Array:
+    """A key on the capture, its handles a third of the spans beside it."""
+    steep = float(slope[frame])
+    value = float(smooth[frame])
+    return np.array([frame, value, -before / 3, -before / 3 * steep, after / 3, after / 3 * steep])
 
 
 def _bridge(
